@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// From the ground up. A module is on the floor with the longest name that it begins with.
-const FLOORS: [&str; 67] = [
+const FLOORS: [&str; 69] = [
     "analysis::numerics",
     "analysis::rod::beam",
     "analysis::rod::fixity",
@@ -73,6 +73,8 @@ const FLOORS: [&str; 67] = [
     "service::viewer",
     "service::http",
     "service::alert",
+    "service::forward",
+    "service::hub",
     "service::daemon",
     "command::report_page",
     "command",

@@ -1,9 +1,9 @@
 //! Arguments as typed.
 
 use crate::command::{
-    ack, alarm, backup, check, completions, emulator, files, fleet, frequencies, history, identify, import,
-    init, manual, measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum, status,
-    study, track,
+    ack, alarm, backup, check, completions, emulator, files, fleet, frequencies, history, hub, identify,
+    import, init, manual, measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum,
+    status, study, track,
 };
 use crate::service::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -57,6 +57,7 @@ pub enum Command {
     Study(study::Args),
     Send(send::Args),
     Fleet(fleet::Args),
+    Hub(hub::Args),
     Completions(completions::Args),
     #[command(hide = true)]
     Manual(manual::Args),
@@ -67,10 +68,12 @@ impl Cli {
     /// Starts the log on stderr: warnings by default (of the daemon also what it does), more with `-v`, or as
     /// `TIRANTE_LOG` says.
     pub fn start_logging(&self) {
-        let is_daemon = matches!(self.command, Command::Run(_));
+        let is_daemon = matches!(self.command, Command::Run(_))
+            || matches!(&self.command, Command::Hub(args) if args.action.is_none());
         let default = match self.verbose + u8::from(is_daemon) {
             0 => "warn",
-            1 => "info",
+            // Every connection to the post has lines of its own; what fails is a condition.
+            1 => "info,async_nats=warn",
             _ => "debug",
         };
         let filter = EnvFilter::try_from_env("TIRANTE_LOG").unwrap_or_else(|_| EnvFilter::new(default));

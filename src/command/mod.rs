@@ -25,6 +25,7 @@ pub mod fleet;
 mod foreign;
 pub mod frequencies;
 pub mod history;
+pub mod hub;
 pub mod identify;
 pub mod import;
 pub mod init;
@@ -98,6 +99,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Track(args) => track::run(args),
         Command::Fleet(args) => fleet::run(args),
         Command::Run(args) => run::run(args),
+        Command::Hub(args) => hub::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Send(args) => send::run(args),
         Command::Completions(args) => completions::run(args, &mut Cli::command()),

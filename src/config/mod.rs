@@ -10,7 +10,11 @@ pub mod datum;
 mod effective;
 mod emulator;
 mod fault;
+#[cfg(feature = "daemon")]
+mod forward;
 mod http;
+#[cfg(feature = "daemon")]
+mod hub;
 mod ingest;
 mod journal;
 mod list;
@@ -37,6 +41,8 @@ mod value;
 
 pub use effective::KeyReference;
 pub use fault::{ConfigError, Fault};
+#[cfg(feature = "daemon")]
+pub use hub::HubConfig;
 pub use rod::rod_id;
 pub use sensor::Sensor;
 pub use setting::Setting;
@@ -48,6 +54,8 @@ use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};
 use crate::analysis::track::{AlarmSettings, TrackSettings};
 #[cfg(feature = "daemon")]
 use crate::config::settings::alert::{AlertSettings, SinkSettings};
+#[cfg(feature = "daemon")]
+use crate::config::settings::forward::ForwardSettings;
 use crate::config::settings::http::HttpSettings;
 use crate::config::settings::ingest::IngestSettings;
 use crate::config::settings::journal::JournalSettings;
@@ -66,7 +74,15 @@ use toml::de::DeTable;
 pub const LONGEST: usize = 1 << 20;
 
 /// Sections that no result depends on.
-const OPERATION: [&str; 6] = ["simulation", "ingest", "journal", "http", "sink", "alert"];
+const OPERATION: [&str; 7] = [
+    "simulation",
+    "ingest",
+    "journal",
+    "http",
+    "sink",
+    "alert",
+    "forward",
+];
 
 const BUILT_IN: &str = include_str!("../../config/todi.toml");
 
@@ -99,6 +115,9 @@ pub struct Config {
     /// Settings of messages about the daemon itself.
     #[cfg(feature = "daemon")]
     pub alert: AlertSettings,
+    /// Copy of the results to a centre; `None` without a `[forward]`.
+    #[cfg(feature = "daemon")]
+    pub forward: Option<ForwardSettings>,
     /// Simulation that `simulate` writes; `None` without a `[simulation]`.
     pub simulation: Option<SimulationConfig>,
     effective: effective::Node,
@@ -155,47 +174,8 @@ impl Config {
     }
 
     fn parse_with(text: &str, origin: &str, settings: &[Setting]) -> Result<Self, ConfigError> {
-        let refused = |faults: Faults| ConfigError::Faults {
-            origin: origin.to_owned(),
-            faults: faults.into_sorted(),
-        };
-        // Settings are appended to the text; blanks before each give its values their positions there.
-        let mut whole = text.to_owned();
-        let mut padded = Vec::new();
-        for setting in settings {
-            whole.push('\n');
-            padded.push(format!("{:1$}{setting}", "", whole.len()));
-            whole += &setting.to_string();
-        }
-        let faults = Faults::new(&whole, text.len());
-        let (mut entries, mut errors) = DeTable::parse_recoverable(text);
-        for (line, setting) in padded.iter().zip(settings) {
-            let (over, more) = DeTable::parse_recoverable(line);
-            setting::merge(entries.get_mut(), over.into_inner(), setting.levels());
-            errors.extend(more);
-        }
-        for error in &errors {
-            let at = error.span().map_or(text.len(), |span| span.start);
-            faults.add("", at, format!("no TOML: {}", error.message()));
-        }
-        if entries.get_ref().is_empty() && errors.is_empty() {
-            faults.add(
-                "",
-                0,
-                "the configuration is empty; config/minimal.toml shows the least it needs",
-            );
-            return Err(refused(faults));
-        }
-        let mut root = Table::root(&faults, entries.get_ref());
-        let config = Self::read(&mut root);
-        let effective = root.finish();
-        if !errors.is_empty() {
-            faults.distrust_after_broken_text();
-        }
-        match config {
-            Some(config) if faults.count() == 0 => Ok(Self { effective, ..config }),
-            _ => Err(refused(faults)),
-        }
+        let (config, effective) = parse_tables(text, origin, settings, "config/minimal.toml", Self::read)?;
+        Ok(Self { effective, ..config })
     }
 
     fn read(root: &mut Table<'_>) -> Option<Self> {
@@ -245,9 +225,20 @@ impl Config {
             "How the sinks are told of the daemon itself (`run`).",
             |table| sink::heartbeat::read(table, sinks.as_deref()),
         );
+        #[cfg(feature = "daemon")]
+        let forward = root.optional_section(
+            "forward",
+            "Copy of the results to a centre of many sites (`run`).",
+            |table| forward::read(table, &store),
+        );
+        #[cfg(feature = "daemon")]
+        let forward = match forward {
+            Some(forward) => Some(forward?),
+            None => None,
+        };
         // Addresses and mailboxes are checked by the crates that use them.
         #[cfg(not(feature = "daemon"))]
-        root.ignore(&["sink", "alert"]);
+        root.ignore(&["sink", "alert", "forward"]);
         let simulation = root.optional_section("simulation", "What `tirante simulate` writes.", |table| {
             simulation::read(table, &rods)
         });
@@ -270,6 +261,8 @@ impl Config {
             sinks: sinks?,
             #[cfg(feature = "daemon")]
             alert,
+            #[cfg(feature = "daemon")]
+            forward,
             simulation,
             effective: effective::Node::root(),
         })
@@ -297,7 +290,7 @@ impl Config {
     }
 
     /// SHA-256 of the effective configuration without comments and without the sections that affect no result
-    /// (`[simulation]`, `[ingest]`, `[journal]`, `[http]`, `[[sink]]`, `[alert]`): equal for texts that mean
+    /// (`[simulation]`, `[ingest]`, `[journal]`, `[http]`, `[[sink]]`, `[alert]`, `[forward]`): equal for texts that mean
     /// the same for measured data.
     pub fn hash(&self) -> [u8; 32] {
         let mut text = String::new();
@@ -366,6 +359,58 @@ impl Config {
         let mut keys = Vec::new();
         self.effective.reference(&mut keys);
         keys
+    }
+}
+
+/// Reads a text called `origin` in messages, overridden by `settings`, as `read` takes it; `least` names an example for an
+/// empty one. Returns the values in effect, too.
+fn parse_tables<T>(
+    text: &str,
+    origin: &str,
+    settings: &[Setting],
+    least: &str,
+    read: impl FnOnce(&mut Table<'_>) -> Option<T>,
+) -> Result<(T, effective::Node), ConfigError> {
+    let refused = |faults: Faults| ConfigError::Faults {
+        origin: origin.to_owned(),
+        faults: faults.into_sorted(),
+    };
+    // Settings are appended to the text; blanks before each give its values their positions there.
+    let mut whole = text.to_owned();
+    let mut padded = Vec::new();
+    for setting in settings {
+        whole.push('\n');
+        padded.push(format!("{:1$}{setting}", "", whole.len()));
+        whole += &setting.to_string();
+    }
+    let faults = Faults::new(&whole, text.len());
+    let (mut entries, mut errors) = DeTable::parse_recoverable(text);
+    for (line, setting) in padded.iter().zip(settings) {
+        let (over, more) = DeTable::parse_recoverable(line);
+        setting::merge(entries.get_mut(), over.into_inner(), setting.levels());
+        errors.extend(more);
+    }
+    for error in &errors {
+        let at = error.span().map_or(text.len(), |span| span.start);
+        faults.add("", at, format!("no TOML: {}", error.message()));
+    }
+    if entries.get_ref().is_empty() && errors.is_empty() {
+        faults.add(
+            "",
+            0,
+            format!("the configuration is empty; {least} shows the least it needs"),
+        );
+        return Err(refused(faults));
+    }
+    let mut root = Table::root(&faults, entries.get_ref());
+    let config = read(&mut root);
+    let effective = root.finish();
+    if !errors.is_empty() {
+        faults.distrust_after_broken_text();
+    }
+    match config {
+        Some(config) if faults.count() == 0 => Ok((config, effective)),
+        _ => Err(refused(faults)),
     }
 }
 

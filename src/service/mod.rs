@@ -10,6 +10,8 @@
 //! * [`ingest`]    sockets: the protocol, named senders and what is acknowledged, limits, TLS
 //! * [`journal`]   what the sockets took, as MCAP parts on disk
 //! * [`alert`]     news of alarms to the sinks, at least once and in order
+//! * [`forward`]   copy of the store's log to a centre
+//! * [`hub`]       the centre: the logs of many sites in one database
 //! * [`telemetry`] faults and health, metrics, the log
 //! * [`viewer`]    results as messages for robotics viewers, as a file and live
 //! * [`api`]       answers of a store to the page and to other programs, as JSON
@@ -18,7 +20,9 @@
 pub mod alert;
 pub mod api;
 pub mod daemon;
+pub mod forward;
 pub mod http;
+pub mod hub;
 pub mod ingest;
 pub mod journal;
 pub mod telemetry;

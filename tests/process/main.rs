@@ -7,6 +7,7 @@ mod archive;
 mod site;
 
 mod daemon;
+mod hub;
 mod load;
 mod survival;
 mod weighed;

@@ -1,8 +1,9 @@
 //! Every kind of fault, made to happen to a real daemon: each changes its counter and the state of health, and writes one
 //! line into the log, however often it happens within a minute.
 //!
-//! Two kinds are not here: no input is known that makes the analysis panic (`broken`), and a stalled work
-//! loop (`stalled`) takes half a minute to be detected; `tests/service/notify.rs` has it.
+//! Three kinds are not here: no input is known that makes the analysis panic (`broken`), a stalled work
+//! loop (`stalled`) takes half a minute to be detected; `tests/service/notify.rs` has it; the post to a centre
+//! (`forward`) is in `tests/process/hub`.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 #[allow(dead_code)] // not every test uses all of them

@@ -5,7 +5,10 @@
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use crate::site::*;
+use rusqlite::types::Value;
+use std::collections::BTreeMap;
 use std::fs;
+use tirante::site::store::{Reader, shapes};
 
 #[test]
 fn a_store_of_the_version_before_keeps_its_baselines_and_goes_on() {
@@ -61,4 +64,27 @@ fn a_store_of_the_version_before_keeps_its_baselines_and_goes_on() {
         alarms.iter().all(|alarm| alarm.starts_with("north ")),
         "{alarms:?}"
     );
+    the_log_holds_every_row(&site);
+}
+
+/// The log of changes, applied in order, gives every row that is copied to a centre: those from before the log, too.
+fn the_log_holds_every_row(site: &Site) {
+    let reader = Reader::open(&site.path("site.db")).unwrap();
+    let changes = reader.changes_after(0, usize::MAX).unwrap();
+    for shape in shapes().unwrap() {
+        let key_of = |values: &[Value]| -> Vec<String> {
+            let columns = shape.columns.iter().zip(values);
+            let keys = columns.filter(|(column, _)| column.key > 0);
+            keys.map(|(_, value)| format!("{value:?}")).collect()
+        };
+        let mut applied = BTreeMap::new();
+        for row in changes.iter().flat_map(|change| &change.rows) {
+            if row.table == shape.table {
+                applied.insert(key_of(&row.values), row.values.clone());
+            }
+        }
+        let kept = reader.copied_rows(&shape).unwrap();
+        let kept: BTreeMap<_, _> = kept.into_iter().map(|row| (key_of(&row), row)).collect();
+        assert_eq!(applied, kept, "{}", shape.table);
+    }
 }

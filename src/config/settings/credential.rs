@@ -46,6 +46,30 @@ impl CredentialPath {
         Ok(bytes)
     }
 
+    /// Content of a file that nobody but its owner may read or write. systemd protects those it hands over itself.
+    ///
+    /// # Errors
+    /// It cannot be read, or others can read or write it.
+    pub fn read_private(&self) -> Result<Vec<u8>, CredentialError> {
+        const OTHERS: u32 = 0o077;
+        let mode = std::fs::metadata(self.path()?).map_or(0, |data| data.permissions().mode() & 0o777);
+        if mode & OTHERS != 0 && !self.0.starts_with(PREFIX) {
+            return Err(CredentialError(format!(
+                "{}: others can read or write it (mode {mode:03o}): `chmod 600 {}`",
+                self.0, self.0
+            )));
+        }
+        self.read()
+    }
+
+    /// Path of the file.
+    ///
+    /// # Errors
+    /// It is one of systemd's credentials, and there are none.
+    pub fn resolved(&self) -> Result<PathBuf, CredentialError> {
+        self.path()
+    }
+
     /// The single line of the file.
     ///
     /// # Errors
@@ -111,14 +135,21 @@ mod tests {
     }
 
     #[test]
-    fn a_secret_that_everybody_can_read_is_none() {
+    fn a_secret_that_others_can_read_is_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("token");
-        std::fs::write(&path, "secret").unwrap();
+        let path = folder.path().join("seed");
         let file = CredentialPath::new(path.to_str().unwrap());
-        for (mode, is_good) in [(0o600, true), (0o640, true), (0o644, false), (0o602, false)] {
+        std::fs::write(&path, "secret").unwrap();
+        for (mode, is_line, is_private) in [
+            (0o600, true, true),
+            (0o400, true, true),
+            (0o640, true, false),
+            (0o644, false, false),
+            (0o602, false, false),
+        ] {
             std::fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
-            assert_eq!(file.read_line().is_ok(), is_good, "{mode:o}");
+            assert_eq!(file.read_line().is_ok(), is_line, "{mode:o}");
+            assert_eq!(file.read_private().is_ok(), is_private, "{mode:o}");
         }
         assert!(file.read_line().unwrap_err().0.contains("chmod 600"));
     }

@@ -3,7 +3,11 @@
 #[cfg(feature = "daemon")]
 pub mod alert;
 pub mod credential;
+#[cfg(feature = "daemon")]
+pub mod forward;
 pub mod http;
+#[cfg(feature = "daemon")]
+pub mod hub;
 pub mod ingest;
 pub mod journal;
 pub mod store;

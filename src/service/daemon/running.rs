@@ -8,9 +8,11 @@ use super::reader::{self, Reader, Remembered, Sources, Surroundings};
 use super::steps::Watch;
 use super::workers::Workers;
 use super::{LifecycleEvent, Options, restart};
+use crate::config::Config;
 use crate::recording::part;
 use crate::service::alert::Couriers;
-use crate::service::telemetry::Telemetry;
+use crate::service::forward::{Forwarder, SINK};
+use crate::service::telemetry::{Fault, Telemetry};
 use crate::site::clock;
 use crate::site::driver::Job;
 use crate::site::ordered_map::message_of;
@@ -19,6 +21,7 @@ use crate::site::trackers::Site;
 use anyhow::Context;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -37,8 +40,57 @@ pub struct Running {
     reader: Reader,
     live: Live,
     couriers: Arc<Mutex<Couriers>>,
+    forward: Forward,
     quarantine: Arc<Quarantine>,
     ending: Ending,
+}
+
+/// Copy to a centre, if there is one, shared with the core's notifications.
+#[derive(Clone)]
+struct Forward {
+    running: Arc<Mutex<Option<Forwarder>>>,
+    jobs: SyncSender<Job>,
+    store: PathBuf,
+    telemetry: Telemetry,
+}
+
+impl Forward {
+    /// Changes to these settings; unchanged ones do not disturb it.
+    fn reload(&self, config: &Config) {
+        let mut running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
+        let settings = config.forward.as_ref();
+        if settings.is_some_and(|new| running.as_ref().is_some_and(|old| old.is_of(new))) {
+            return;
+        }
+        *running = None;
+        let Some(settings) = settings else {
+            self.telemetry.health.over(Fault::Forward, SINK);
+            self.telemetry.metrics.forget_sink(SINK);
+            return;
+        };
+        let jobs = self.jobs.clone();
+        // The position is noted for people; a full queue is no reason to wait.
+        let noted = Box::new(move |through| {
+            let sink = SINK.to_owned();
+            let _ = jobs.try_send(Job::Delivered { sink, through });
+        });
+        match Forwarder::start(settings, self.store.clone(), noted, self.telemetry.clone()) {
+            Ok(forwarder) => *running = Some(forwarder),
+            Err(error) => {
+                let detail = format!("forward: no thread for it: {error}");
+                self.telemetry.health.hold(Fault::Forward, SINK, detail);
+            }
+        }
+    }
+
+    fn wake(&self) {
+        let running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
+        running.iter().for_each(Forwarder::wake);
+    }
+
+    fn stop(&self) {
+        *self.running.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
 }
 
 impl Running {
@@ -85,6 +137,12 @@ impl Running {
         let mut couriers = Couriers::start(&config.sinks, &config.site, &store, delivered, telemetry.clone());
         couriers.watch(&config.alert, &config.site);
         let couriers = Arc::new(Mutex::new(couriers));
+        let forward = Forward {
+            running: Arc::default(),
+            jobs: jobs.clone(),
+            store,
+            telemetry: telemetry.clone(),
+        };
         let workers = Workers::new(
             site.store().all_known().clone(),
             Arc::clone(&quarantine),
@@ -96,7 +154,12 @@ impl Running {
             Arc::clone(&generation),
             Arc::clone(health),
             (Arc::clone(&ending.drain), halted),
-            Box::new(hear(telemetry.clone(), &live, Arc::clone(&couriers))),
+            Box::new(hear(
+                telemetry.clone(),
+                &live,
+                Arc::clone(&couriers),
+                forward.clone(),
+            )),
         )?;
         let threads = options
             .threads
@@ -124,11 +187,13 @@ impl Running {
         )?;
         tick(jobs, caught_up)?;
         draw_tables(&generation, &ending)?;
+        forward.reload(&generation.config);
         Ok(Self {
             generation,
             reader,
             live,
             couriers,
+            forward,
             quarantine,
             ending,
         })
@@ -143,6 +208,7 @@ impl Running {
         self.live.retarget(&config.rods);
         lock(&self.couriers).reload(&config.sinks, &config.site);
         lock(&self.couriers).watch(&config.alert, &config.site);
+        self.forward.reload(config);
         self.reader.reload(Arc::clone(&generation));
         // Without a thread for it, a rod's first record draws its table.
         let _ = draw_tables(&generation, &self.ending);
@@ -184,6 +250,7 @@ impl Running {
                 }
             }
         };
+        self.forward.stop();
         stop(self.couriers);
         result
     }
@@ -196,6 +263,7 @@ impl Running {
         self.reader.stop();
         lock(&self.couriers).tell_end(why);
         self.live.stop(runtime);
+        self.forward.stop();
         stop(self.couriers);
     }
 }
@@ -278,6 +346,7 @@ fn hear(
     telemetry: Telemetry,
     live: &Live,
     couriers: Arc<Mutex<Couriers>>,
+    forward: Forward,
 ) -> impl Fn(Notice<'_>) + Send + use<> {
     let results_kept = live.results_kept();
     let gauges = live.gauges();
@@ -289,10 +358,16 @@ fn hear(
                 gauges.show(metrics);
                 lock(&couriers).look_at_clock(clock::now());
             }
-            Notice::News => lock(&couriers).wake(),
+            Notice::News => {
+                lock(&couriers).wake();
+                forward.wake();
+            }
             Notice::Untold(notice) => lock(&couriers).tell(notice),
             Notice::Known(rod) => metrics.known(rod),
-            Notice::Taken { outcome, taken, took } => metrics.taken(outcome, &taken.verdict, took),
+            Notice::Taken { outcome, taken, took } => {
+                metrics.taken(outcome, &taken.verdict, took);
+                forward.wake();
+            }
             Notice::File(mark) => {
                 if let Some(part) = part::number_of_mark(&mark.name) {
                     results_kept.fetch_max(part, Ordering::Relaxed);

@@ -25,6 +25,8 @@ pub enum Fault {
     Write,
     /// A sink cannot be reached, or refuses.
     Sink,
+    /// The centre's post cannot be reached, or refuses.
+    Forward,
     /// A new configuration has faults: the old one stays in force.
     Reload,
     /// A watched folder cannot be read.
@@ -49,7 +51,7 @@ pub enum Fault {
 
 impl Fault {
     /// Every kind of fault.
-    pub const ALL: [Self; 21] = [
+    pub const ALL: [Self; 22] = [
         Self::Rejected,
         Self::Recording,
         Self::Client,
@@ -61,6 +63,7 @@ impl Fault {
         Self::StoreDamaged,
         Self::Write,
         Self::Sink,
+        Self::Forward,
         Self::Reload,
         Self::Folder,
         Self::Topic,
@@ -87,6 +90,7 @@ impl Fault {
             Self::StoreDamaged => "store-damaged",
             Self::Write => "write",
             Self::Sink => "sink",
+            Self::Forward => "forward",
             Self::Reload => "reload",
             Self::Folder => "folder",
             Self::Topic => "topic",
@@ -114,6 +118,7 @@ impl Fault {
             Self::StoreDamaged => "the store was damaged when it was opened, and was begun anew",
             Self::Write => "the store or the journal cannot be written",
             Self::Sink => "a sink cannot be reached, or refuses: alarms wait",
+            Self::Forward => "the post to the centre cannot be reached, or refuses: results wait here",
             Self::Reload => "a new configuration is bad: the old one holds",
             Self::Folder => "a watched folder cannot be read",
             Self::Topic => "a topic comes that belongs to no rod, while nothing comes of a rod",

@@ -1,6 +1,7 @@
 //! Content of one transaction: a record, the changes to its rod, and the position in its source.
 
 use super::StoreError;
+use super::change::Changed;
 use super::columns::COLUMNS;
 use super::operation::{Carry, FileMark, write_carry, write_delivery, write_file};
 use super::resonance;
@@ -94,21 +95,23 @@ impl Place {
 impl Commit<'_> {
     /// Writes everything into the tables of an open transaction.
     pub(super) fn write(&self, connection: &Connection, kept: &mut Kept) -> Result<(), Failure> {
+        let mut changed = Changed::default();
         if let Some(record) = &self.record {
-            record.write(connection, self.source.map(|source| source.origin))?;
+            record.write(connection, self.source.map(|source| source.origin), &mut changed)?;
         }
         if let Some((rod, last_ns, found)) = self.readings {
             resonance::write_readings(connection, rod, last_ns, found)?;
         }
         if let Some(rod) = &self.rod {
             let start = self.record.as_ref().and_then(|record| record.row.start);
-            rod.write(connection, kept, start)?;
+            rod.write(connection, kept, start, &mut changed)?;
         }
         if let Some(snapshot) = &self.snapshot {
             snapshot.write(connection)?;
         }
         if let Some(number) = self.applied {
             super::request::mark_applied(connection, number)?;
+            changed.note("request", [number.into()]);
         }
         if let Some(position) = &self.source {
             let count = |number: u64| i64::try_from(number).unwrap_or(i64::MAX);
@@ -127,13 +130,19 @@ impl Commit<'_> {
         if let Some((sink, through)) = self.delivered {
             write_delivery(connection, sink, through)?;
         }
+        changed.write(connection)?;
         Ok(())
     }
 }
 
 impl NewRecord<'_> {
     /// Writes the record, which came from `file`.
-    fn write(&self, connection: &Connection, file: Option<&str>) -> Result<(), Failure> {
+    fn write(
+        &self,
+        connection: &Connection,
+        file: Option<&str>,
+        changed: &mut Changed,
+    ) -> Result<(), Failure> {
         let json = self.row.to_json().map_err(|error| StoreError::NotStorable {
             what: format!("a record of rod {}", self.row.rod),
             detail: error.to_string(),
@@ -152,6 +161,7 @@ impl NewRecord<'_> {
         row.with("rms", self.rms)
             .with("emulator", self.emulator.to_owned())
             .insert(connection)?;
+        changed.note("record", [id.into()]);
         Row::of("line")
             .with("record", id)
             .with("json", json)
@@ -184,29 +194,38 @@ impl RodRow<'_> {
         connection: &Connection,
         kept_states: &mut Kept,
         start: Option<Timestamp>,
+        changed: &mut Changed,
     ) -> Result<(), Failure> {
         let rod = &self.state.rod;
-        kept_states.write(connection, self.state)?;
+        kept_states.write(connection, self.state, changed)?;
         for period in self.closed {
             state::write_period(connection, rod, self.state.segment.number, period)?;
+            let segment = self.state.segment.number;
+            changed.note(
+                "period",
+                [rod.0.clone().into(), segment.into(), period.index.into()],
+            );
         }
         for event in self.events {
-            write_event(connection, rod, event)?;
+            write_event(connection, rod, event, changed)?;
         }
         let time = self.events.last().map(|event| event.time);
         let time = time.or(self.state.latest).or(start);
-        write_standing(connection, rod, self.stands, self.state.segment.number, time)
+        if write_standing(connection, rod, self.stands, self.state.segment.number, time)? {
+            changed.note("rod", [rod.0.clone().into()]);
+        }
+        Ok(())
     }
 }
 
-/// Writes the status of a rod; its `since` changes only with the state.
+/// Writes the status of a rod, if it changed; its `since` changes only with the state.
 fn write_standing(
     connection: &Connection,
     rod: &RodId,
     stands: &RodState,
     segment: u32,
     time: Option<Timestamp>,
-) -> Result<(), Failure> {
+) -> Result<bool, Failure> {
     let before: Option<(String, String, Option<String>, u32)> = connection
         .prepare_cached("SELECT state, detail, since, segment FROM rod WHERE rod = ?")?
         .query_row([&rod.0], |row| {
@@ -218,7 +237,7 @@ fn write_standing(
         Some((before_code, before_detail, since, before_segment)) => {
             let is_same = before_code == code && *before_detail == detail && *before_segment == segment;
             if is_same && (since.is_some() || time.is_none()) {
-                return Ok(());
+                return Ok(false);
             }
             // A rod of which nothing had come yet stood so since no time that can be told.
             if before_code == code && since.is_some() {
@@ -236,11 +255,16 @@ fn write_standing(
         .with("since", since)
         .with("segment", i64::from(segment))
         .upsert(connection, &["rod"])?;
-    Ok(())
+    Ok(true)
 }
 
 /// Updates the row of an alarm and adds the event to the outbox.
-fn write_event(connection: &Connection, rod: &RodId, event: &AlarmEvent) -> Result<(), Failure> {
+fn write_event(
+    connection: &Connection,
+    rod: &RodId,
+    event: &AlarmEvent,
+    changed: &mut Changed,
+) -> Result<(), Failure> {
     let alarm = &event.alarm;
     Row::of("alarm")
         .with("id", alarm.id.clone())
@@ -265,5 +289,7 @@ fn write_event(connection: &Connection, rod: &RodId, event: &AlarmEvent) -> Resu
         .with("time", event.time.to_string())
         .with("json", kept("alarm event", event)?)
         .insert(connection)?;
+    changed.note("alarm", [alarm.id.clone().into()]);
+    changed.note("outbox", [number.into()]);
     Ok(())
 }

@@ -7,6 +7,7 @@
 //! describes tables and columns.
 
 mod backup;
+mod change;
 mod columns;
 mod commit;
 mod dump;
@@ -28,6 +29,9 @@ mod snapshot;
 mod state;
 mod vigil;
 
+pub use change::{
+    COPIED, Change, ChangedRow, Column, FORGOTTEN, FORMAT, Shape, ValueKind, is_intact, shapes,
+};
 pub use commit::{Commit, NewRecord, Position, RodRow};
 pub use error::StoreError;
 pub use file_id::FileId;
@@ -44,8 +48,9 @@ pub use vigil::{ConditionEvent, Stretch};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::State;
 use crate::analysis::track::alarm::Board;
+use change::Changed;
 use lock::Lock;
-use rusqlite::TransactionBehavior;
+use rusqlite::{Connection, TransactionBehavior};
 use state::{Failure, Kept};
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Deref;
@@ -140,11 +145,16 @@ impl Store {
             if count > 0 {
                 return Ok(());
             }
-            row::Row::of("config")
-                .with("hash", hash.to_owned())
-                .with("site", site.to_owned())
-                .with("effective", effective.to_owned())
-                .insert(connection)
+            // A savepoint: it may be called within a group.
+            connection.execute_batch("SAVEPOINT config")?;
+            let result = write_config(connection, hash, site, effective);
+            let end = if result.is_ok() {
+                ""
+            } else {
+                "ROLLBACK TO config; "
+            };
+            connection.execute_batch(&format!("{end}RELEASE config"))?;
+            result
         };
         write().map_err(|error| self.reader.fault(Failure::Sql(error)))
     }
@@ -265,6 +275,17 @@ impl Store {
         request::put(&self.reader.connection, rod, what, asked)
             .map_err(|error| self.reader.fault(Failure::Sql(error)))
     }
+}
+
+fn write_config(connection: &Connection, hash: &str, site: &str, effective: &str) -> rusqlite::Result<()> {
+    row::Row::of("config")
+        .with("hash", hash.to_owned())
+        .with("site", site.to_owned())
+        .with("effective", effective.to_owned())
+        .insert(connection)?;
+    let mut changed = Changed::default();
+    changed.note("config", [hash.into()]);
+    changed.write(connection)
 }
 
 /// True if a process writes the store at `path`; `None` if that is unknown.

@@ -49,10 +49,7 @@ impl Row {
     }
 
     fn write(self, connection: &Connection, key: &[&str]) -> rusqlite::Result<()> {
-        let mut sum = Sum::default();
-        for (_, value) in &self.columns {
-            sum.add(value.into());
-        }
+        let sum = checksum(self.columns.iter().map(|(_, value)| value));
         let names: Vec<&str> = self.columns.iter().map(|(name, _)| *name).collect();
         let mut sql = format!(
             "INSERT INTO {} ({}, {CHECKSUM}) VALUES ({}?)",
@@ -76,9 +73,18 @@ impl Row {
         let values = self.columns.into_iter().map(|(_, value)| value);
         connection
             .prepare_cached(&sql)?
-            .execute(rusqlite::params_from_iter(values.chain([sum.value()])))?;
+            .execute(rusqlite::params_from_iter(values.chain([sum])))?;
         Ok(())
     }
+}
+
+/// Checksum of a row's other values.
+pub(super) fn checksum<'v>(values: impl IntoIterator<Item = &'v Value>) -> Value {
+    let mut sum = Sum::default();
+    for value in values {
+        sum.add(value.into());
+    }
+    sum.value()
 }
 
 /// Compares every row of a table with its checksum and calls `on_row` with the good ones; returns the number

@@ -1,7 +1,7 @@
 //! The tables, and the steps from one format to the next. docs/store.md describes every column.
 
 use super::row::Row;
-use super::{columns, resonance};
+use super::{change, columns, resonance};
 use rusqlite::types::Value;
 use rusqlite::{Connection, Transaction};
 
@@ -13,7 +13,7 @@ type Step = fn(&Transaction<'_>) -> rusqlite::Result<()>;
 
 /// The steps in order: a store of format `n` has undergone the first `n`. Steps are only ever added; the
 /// tests hold a golden store of each released format.
-const STEPS: [Step; 5] = [first, second, third, fourth, fifth];
+const STEPS: [Step; 6] = [first, second, third, fourth, fifth, sixth];
 
 /// Format written by this program.
 pub(super) const FORMAT: i64 = STEPS.len() as i64;
@@ -39,7 +39,7 @@ pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(Stri
 }
 
 /// Tables whose rows have a checksum, in an order in which rows can be inserted.
-pub(super) const TABLES: [&str; 22] = [
+pub(super) const TABLES: [&str; 24] = [
     "config",
     "rod",
     "segment",
@@ -62,6 +62,8 @@ pub(super) const TABLES: [&str; 22] = [
     "alive",
     "shelf",
     "origin",
+    "epoch",
+    "change",
 ];
 
 /// True if a table exists: an older format has fewer.
@@ -219,6 +221,11 @@ fn fifth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
             FOREIGN KEY (record) REFERENCES record (id)
         ) STRICT;",
     )
+}
+
+/// Sixth format: a log of changes, for copies of the store elsewhere.
+fn sixth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
+    change::add_tables(transaction)
 }
 
 const PERIOD: &str = "

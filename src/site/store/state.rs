@@ -1,6 +1,7 @@
 //! State of a rod's fold, kept in parts so that a commit writes only the changed ones.
 
 use super::StoreError;
+use super::change::Changed;
 use super::row::Row;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::drift::watch::DriftWatch;
@@ -68,7 +69,12 @@ impl Kept {
     }
 
     /// Writes the parts of a state that differ from those in the store.
-    pub(super) fn write(&mut self, connection: &Connection, state: &State) -> Result<(), Failure> {
+    pub(super) fn write(
+        &mut self,
+        connection: &Connection,
+        state: &State,
+        changed: &mut Changed,
+    ) -> Result<(), Failure> {
         let mut fresh = false;
         let known = self.0.entry(state.rod.clone()).or_insert_with(|| {
             fresh = true;
@@ -86,6 +92,7 @@ impl Kept {
         let before = &mut known.state;
         if fresh || before.segment != state.segment {
             write_segment(connection, rod, &state.segment)?;
+            changed.note("segment", [rod.clone().into(), state.segment.number.into()]);
             write_part(connection, rod, SEGMENT, state.segment.number.to_string())?;
             before.segment.clone_from(&state.segment);
         }

@@ -1,5 +1,6 @@
 //! A daemon's own watch in the store: rods it expects, conditions sent to the sinks, and its times of work.
 
+use super::change::{Changed, FORGOTTEN};
 use super::row::Row;
 use super::state::{Failure, time};
 use super::{Reader, Store, StoreError};
@@ -97,10 +98,15 @@ impl Stretch {
     }
 }
 
-fn write_notice(connection: &Connection, notice: &ConditionEvent) -> rusqlite::Result<()> {
+fn write_notice(
+    connection: &Connection,
+    notice: &ConditionEvent,
+    changed: &mut Changed,
+) -> rusqlite::Result<()> {
     let number: i64 = connection.query_row("SELECT coalesce(max(number), 0) + 1 FROM notice", (), |row| {
         row.get(0)
     })?;
+    changed.note("notice", [number.into()]);
     let what = if notice.is_raised { "raised" } else { "cleared" };
     Row::of("notice")
         .with("number", number)
@@ -186,6 +192,9 @@ impl Store {
             for table in ["state", "segment", "rod"] {
                 transaction.execute(&format!("DELETE FROM {table} WHERE rod = ?"), [&rod.0])?;
             }
+            let mut changed = Changed::default();
+            changed.note(FORGOTTEN, [rod.0.clone().into()]);
+            changed.write(&transaction)?;
             transaction.commit()
         };
         self.kept.distrust(rod);
@@ -201,9 +210,11 @@ impl Store {
         let latest = self.reader.stretches()?.last().copied();
         let write = |connection: &mut Connection| -> rusqlite::Result<()> {
             let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+            let mut changed = Changed::default();
             for notice in notices {
-                write_notice(&transaction, notice)?;
+                write_notice(&transaction, notice, &mut changed)?;
             }
+            changed.write(&transaction)?;
             if let Some(stretch) = stretch {
                 write_stretch(&transaction, latest, stretch)?;
             }

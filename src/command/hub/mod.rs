@@ -1,0 +1,75 @@
+//! `tirante hub`: the centre of many sites.
+
+mod compare;
+mod key;
+mod parked;
+mod rebuild;
+mod serve;
+mod sites;
+
+use super::BadArguments;
+use crate::config::HubConfig;
+use clap::Subcommand;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Run the centre of many sites: fold what their daemons forward into one database.
+///
+/// Each site's daemon forwards its results to NATS JetStream ([forward] in its configuration). The hub folds them,
+/// exactly once and in order, into PostgreSQL, or into SQLite for up to some 200 rods, and shows all sites, worst first. A
+/// message that cannot be folded is parked with its reason; its site is marked, the others go on.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  tirante hub --config hub.toml                  # fold and serve until stopped
+  tirante hub sites --config hub.toml            # list of sites, worst first
+  tirante hub compare todi --store replayed.db \\
+      --config hub.toml                          # equal row by row?
+  tirante hub rebuild --config hub.toml          # fold the whole stream anew
+
+Exit codes: 0 good; 1 something cannot be opened, or is not fit (the server is
+older than 2.12, the stream has no limits); 2 bad arguments or configuration;
+3 `compare` found a difference, or `rebuild` left messages parked.
+`sites` and `compare` work beside a running hub. docs/hub.md tells how to set
+up server, database and sites; config/fleet/try.sh starts them all.")]
+pub struct Args {
+    /// Configuration of the hub.
+    #[arg(long, value_name = "FILE", global = true)]
+    pub config: Option<PathBuf>,
+
+    /// What to do instead of folding and serving.
+    #[command(subcommand)]
+    pub action: Option<Action>,
+}
+
+/// Actions besides folding.
+#[derive(Debug, Subcommand)]
+#[allow(missing_docs, reason = "clap would show it instead of the long help")]
+pub enum Action {
+    Sites(sites::Args),
+    Compare(compare::Args),
+    Parked(parked::Args),
+    Rebuild(rebuild::Args),
+    Key(key::Args),
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// The configuration is bad, or server, stream or database are not fit or cannot be reached.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let config = || -> anyhow::Result<HubConfig> {
+        let path = args
+            .config
+            .as_deref()
+            .ok_or_else(|| BadArguments("name the configuration of the hub: --config hub.toml".to_owned()))?;
+        Ok(HubConfig::load(path)?)
+    };
+    match &args.action {
+        None => serve::run(config()?),
+        Some(Action::Sites(sites)) => sites::run(sites, &config()?),
+        Some(Action::Compare(compare)) => compare::run(compare, &config()?),
+        Some(Action::Parked(parked)) => parked::run(parked, &config()?),
+        Some(Action::Rebuild(_)) => rebuild::run(&config()?),
+        Some(Action::Key(key)) => key::run(key),
+    }
+}

@@ -1,0 +1,58 @@
+//! `tirante hub`: folds and serves until stopped.
+
+use crate::config::HubConfig;
+use crate::service::http::{self, Access};
+use crate::service::hub::Hub;
+use crate::service::hub::page::Page;
+use crate::service::telemetry::Health;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::watch;
+
+/// Checks everything once, then folds until SIGTERM or SIGINT.
+///
+/// # Errors
+/// Server, stream or database are not fit, or the address is taken.
+pub fn run(config: HubConfig) -> anyhow::Result<ExitCode> {
+    let (health, stopping) = (Arc::<Health>::default(), Arc::<AtomicBool>::default());
+    let access = Access::of(&config.http)?;
+    let listener = http::listen(&config.http)?;
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .thread_name("io")
+        .enable_all()
+        .build()?;
+    let (stop, stopped) = watch::channel(false);
+    let (mut interrupt, mut terminate) = {
+        let _entered = runtime.enter();
+        (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?)
+    };
+    let flag = Arc::clone(&stopping);
+    runtime.spawn(async move {
+        tokio::select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+        }
+        flag.store(true, Ordering::Relaxed);
+        stop.send_replace(true);
+    });
+    let hub = Hub::new(&config, &runtime, Arc::clone(&health), stopping);
+    // What is not fit is told at once; what fails later is tried again.
+    hub.check()?;
+    if let Some(listener) = listener {
+        tell!("all sites at http://{}", listener.local_addr()?);
+        let page = Page::new(Arc::new(config.clone()), Arc::clone(&health)).routes(access);
+        let health = Arc::clone(&health);
+        runtime.spawn(async move {
+            if let Err(error) = http::serve(listener, page, health, stopped).await {
+                tracing::error!("http: {error}");
+            }
+        });
+    }
+    tell!("ready: {} sites on the list", config.sites.len());
+    hub.run();
+    runtime.shutdown_background();
+    Ok(ExitCode::SUCCESS)
+}

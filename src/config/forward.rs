@@ -1,0 +1,131 @@
+//! `[forward]`: the copy of the results to a centre of many sites.
+
+use super::list::file;
+use super::range::toml_string;
+use super::reader::{Absent, Table, key};
+use super::value::Value;
+use crate::analysis::signal::record::time::DAY_S;
+use crate::config::settings::forward::{ForwardSettings, LONGEST_SITE, NatsSettings, is_site};
+use crate::config::settings::store::StoreSettings;
+use std::net::IpAddr;
+
+/// Default port of NATS.
+const PORT: u16 = 4222;
+/// Least age of results when they leave the store \[s\].
+const KEEP_S: f64 = 30.0 * DAY_S;
+
+/// Reads the section; `store` is that of the site.
+pub(super) fn read(table: &mut Table<'_>, store: &StoreSettings) -> Option<ForwardSettings> {
+    let nats = nats(table, "to");
+    let site = table.take(
+        key("site", "name of the site at the centre, as in its list"),
+        format!("1 to {LONGEST_SITE} letters, digits, '-', '_'"),
+        Absent::Required,
+        site,
+        |site| toml_string(site),
+    );
+    if store.keep_lines_s.is_some_and(|lines_s| lines_s < KEEP_S) {
+        table.fault_of(
+            "to",
+            "[store] keep_lines_d is below 30: what the post loses is sent again from the store",
+        );
+    }
+    Some(ForwardSettings {
+        nats: nats?,
+        site: site?,
+    })
+}
+
+/// Reads the keys of a connection to NATS; `address` is the name of its first.
+pub(super) fn nats(table: &mut Table<'_>, address: &'static str) -> Option<NatsSettings> {
+    let place = table.take(
+        key(
+            address,
+            "the NATS server: nats+tls://host:port, or nats://127.0.0.1:port on this machine",
+        ),
+        "one server, without user and password",
+        Absent::Required,
+        place,
+        |(host, port, is_tls)| {
+            let scheme = if *is_tls { "nats+tls" } else { "nats" };
+            toml_string(&format!("{scheme}://{host}:{port}"))
+        },
+    );
+    let credentials = file(
+        table,
+        key(
+            "credentials",
+            "file with an NKEY seed or a .creds file, readable by its owner alone; may begin with $CREDENTIALS_DIRECTORY/",
+        ),
+        "no login",
+    );
+    let is_tls = place.as_ref().is_none_or(|(_, _, is_tls)| *is_tls);
+    let ca = file(
+        table,
+        key(
+            "ca",
+            "file with the certificates (PEM) that are trusted besides the machine's own",
+        )
+        .only(is_tls, "nats+tls://"),
+        "the machine's own are trusted",
+    );
+    if is_tls && credentials.is_none() && place.is_some() {
+        table.absence_of("credentials", "file with the site's own NKEY seed");
+    }
+    let (host, port, is_tls) = place?;
+    Some(NatsSettings {
+        host,
+        port,
+        is_tls,
+        credentials,
+        ca,
+    })
+}
+
+/// Reads the name of a site.
+pub(super) fn site(value: &Value<'_>) -> Option<String> {
+    let text = value.string()?;
+    if !is_site(text) {
+        value.fault(format!(
+            "\"{text}\" is no name of a site: 1 to {LONGEST_SITE} letters, digits, '-', '_'"
+        ));
+        return None;
+    }
+    Some(text.to_owned())
+}
+
+fn place(value: &Value<'_>) -> Option<(String, u16, bool)> {
+    let text = value.name_string()?;
+    let refuse = |why: &str| {
+        value.fault(format!("{text} {why}"));
+        None
+    };
+    let (rest, is_tls) = match (text.strip_prefix("nats+tls://"), text.strip_prefix("nats://")) {
+        (Some(rest), _) => (rest, true),
+        (None, Some(rest)) => (rest, false),
+        (None, None) => return refuse("is no NATS server: write nats+tls://broker.example:4222"),
+    };
+    let rest = rest.trim_end_matches('/');
+    if rest.contains('@') {
+        return refuse("holds a password: name a file as `credentials`");
+    }
+    let (host, port) = match rest.rsplit_once(':') {
+        Some((host, port)) if !host.ends_with(':') && !port.ends_with(']') => {
+            let Ok(port) = port.parse() else {
+                return refuse("has no port from 1 to 65535");
+            };
+            (host, port)
+        }
+        _ => (rest, PORT),
+    };
+    let is_host = !host.is_empty() && !host.contains(['/', '?', '#', ' ', ',']);
+    if !is_host || port == 0 {
+        return refuse("is no NATS server: write nats+tls://broker.example:4222");
+    }
+    let bare = host.trim_start_matches('[').trim_end_matches(']');
+    let is_here = host == "localhost" || bare.parse::<IpAddr>().is_ok_and(|address| address.is_loopback());
+    if !is_tls && !is_here {
+        return refuse("is another machine: only nats+tls:// goes there");
+    }
+    Some((host.to_owned(), port, is_tls))
+}

@@ -1,0 +1,229 @@
+//! Configuration of `tirante hub`: post, storage, page, and the list of sites.
+
+use super::list::file;
+use super::range::{Range, toml_string};
+use super::reader::{Absent, Table, key};
+use super::settings::forward::NatsSettings;
+use super::settings::http::HttpSettings;
+use super::settings::hub::{PostgresSettings, SiteSettings, Storage};
+use super::{ConfigError, forward, http, parse_tables, read_text};
+use std::path::{Path, PathBuf};
+
+const HOUR_S: f64 = 3600.0;
+
+/// Configuration of the centre.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HubConfig {
+    /// Post.
+    pub nats: NatsSettings,
+    /// Address of the server's monitoring, where its flushing to disk is looked up.
+    pub monitor: Option<String>,
+    /// True if missing streams are created.
+    pub is_creating: bool,
+    /// Storage of the results.
+    pub storage: Storage,
+    /// Page, health and metrics.
+    pub http: HttpSettings,
+    /// Sites whose messages are taken.
+    pub sites: Vec<SiteSettings>,
+}
+
+impl HubConfig {
+    /// Reads and validates a file.
+    ///
+    /// # Errors
+    /// The file cannot be read, or its faults, all of them.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        Self::parse(&read_text(path)?, &path.display().to_string())
+    }
+
+    /// Reads and validates a text called `origin` in messages.
+    ///
+    /// # Errors
+    /// Its faults, all of them, in the order of the text.
+    pub fn parse(text: &str, origin: &str) -> Result<Self, ConfigError> {
+        let (config, _) = parse_tables(text, origin, &[], "config/fleet/hub.toml", Self::read)?;
+        Ok(config)
+    }
+
+    fn read(root: &mut Table<'_>) -> Option<Self> {
+        let (nats, monitor, is_creating) = root.section("nats", "The post.", |table| {
+            let nats = forward::nats(table, "to");
+            let monitor = table.take(
+                key(
+                    "monitor",
+                    "address of the server's monitoring (http_port), where the hub looks up that each message is flushed",
+                ),
+                "http://host:port",
+                Absent::Nothing("the hub cannot see whether each message is flushed, and says so"),
+                |value| {
+                    let text = value.name_string()?;
+                    if !text.starts_with("http://") && !text.starts_with("https://") {
+                        value.fault(format!("{text} is no address, write it like http://127.0.0.1:8222"));
+                        return None;
+                    }
+                    Some(text.trim_end_matches('/').to_owned())
+                },
+                |text| toml_string(text),
+            );
+            let is_creating = table.take(
+                key("create", "whether missing streams are created"),
+                "true or false",
+                Absent::Default(true),
+                |value| value.boolean(),
+                bool::to_string,
+            );
+            (nats, monitor, is_creating.unwrap_or(true))
+        });
+        let sqlite = root.optional_section("sqlite", "A file as storage, up to some 200 rods.", |table| {
+            table.take(
+                key("path", "the database file; relative to the working folder"),
+                "1 to 255 bytes of text",
+                Absent::Required,
+                |value| value.name_string().map(PathBuf::from),
+                |path| toml_string(&path.display().to_string()),
+            )
+        });
+        let postgres = root.optional_section("postgres", "A PostgreSQL server as storage.", postgres);
+        let storage = match (sqlite, postgres) {
+            (Some(path), None) => path.map(Storage::Sqlite),
+            (None, Some(settings)) => settings.map(Storage::Postgres),
+            (Some(_), Some(_)) => {
+                root.fault_of("sqlite", "stands beside [postgres]: results have one storage");
+                None
+            }
+            (None, None) => {
+                root.absence_of("sqlite", "[sqlite] or [postgres], where results are kept");
+                None
+            }
+        };
+        let http = root.section("http", "Page, health and metrics.", http::read);
+        let mut names: Vec<String> = Vec::new();
+        let sites = root.list("site", "A site whose messages are taken.", |table| {
+            let site = site(table)?;
+            if names.contains(&site.name) {
+                table.fault_of("name", format!("\"{}\" stands twice", site.name));
+            }
+            names.push(site.name.clone());
+            Some(site)
+        });
+        if sites.is_empty() {
+            root.absence_of(
+                "site",
+                "at least one [[site]]: the messages of no other are taken",
+            );
+        }
+        Some(Self {
+            nats: nats?,
+            monitor,
+            is_creating,
+            storage: storage?,
+            http,
+            sites: sites.into_iter().collect::<Option<Vec<_>>>()?,
+        })
+    }
+
+    /// The site called `name`.
+    pub fn site(&self, name: &str) -> Option<&SiteSettings> {
+        self.sites.iter().find(|site| site.name == name)
+    }
+}
+
+fn postgres(table: &mut Table<'_>) -> Option<PostgresSettings> {
+    let connection = table.take(
+        key(
+            "connection",
+            "host, port, user and database, as `host=db.example user=tirante dbname=tirante`; without a password",
+        ),
+        "1 to 255 bytes of text",
+        Absent::Required,
+        |value| {
+            let text = value.name_string()?;
+            match text.parse::<postgres::Config>() {
+                Ok(config) if config.get_password().is_some() => {
+                    value.fault("a secret does not belong into the configuration: name a `password_file`");
+                    None
+                }
+                Ok(_) => Some(text.to_owned()),
+                Err(error) => {
+                    value.fault(format!("is no connection string: {error}"));
+                    None
+                }
+            }
+        },
+        |text| toml_string(text),
+    );
+    let password_file = file(
+        table,
+        key("password_file", "file with the password of the user"),
+        "no password is sent",
+    );
+    let ca = file(
+        table,
+        key(
+            "ca",
+            "file with the certificates (PEM) that the server's must come from; needed for another machine",
+        ),
+        "not encrypted: on this machine only",
+    );
+    let connection = connection?;
+    let is_here = |host: &postgres::config::Host| match host {
+        postgres::config::Host::Tcp(name) => {
+            name == "localhost"
+                || name
+                    .parse::<std::net::IpAddr>()
+                    .is_ok_and(|address| address.is_loopback())
+        }
+        postgres::config::Host::Unix(_) => true,
+    };
+    let parsed: Option<postgres::Config> = connection.parse().ok();
+    if ca.is_none() && !parsed.is_some_and(|config| config.get_hosts().iter().all(is_here)) {
+        table.fault_of(
+            "connection",
+            "is another machine: name the certificates of its authority as `ca`",
+        );
+    }
+    Some(PostgresSettings {
+        connection,
+        password_file,
+        ca,
+    })
+}
+
+fn site(table: &mut Table<'_>) -> Option<SiteSettings> {
+    let name = table.take(
+        key("name", "name of the site, as its [forward] says"),
+        "1 to 64 letters, digits, '-', '_'",
+        Absent::Required,
+        forward::site,
+        |name| toml_string(name),
+    );
+    let link = table.take(
+        key("link", "address of the site's own page, shown as a link"),
+        "http://… or https://…",
+        Absent::Nothing("no link"),
+        |value| {
+            let text = value.name_string()?;
+            if !text.starts_with("http://") && !text.starts_with("https://") {
+                value.fault(format!("{text} is no address of a page"));
+                return None;
+            }
+            Some(text.to_owned())
+        },
+        |text| toml_string(text),
+    );
+    let silent_s = HOUR_S
+        * table.number(
+            key(
+                "silent_h",
+                "a site of which nothing came for this long counts as silent [h]",
+            ),
+            Range::within(0.001, 8760.0),
+            1.0,
+        );
+    Some(SiteSettings {
+        name: name?,
+        link,
+        silent_s,
+    })
+}

@@ -1,0 +1,46 @@
+//! Connection to the post between sites and centre, and what a site sends there.
+
+use super::credential::CredentialPath;
+
+/// Longest name of a site, which is a word of its subjects \[bytes\].
+pub const LONGEST_SITE: usize = 64;
+
+/// Connection to NATS.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NatsSettings {
+    /// Host name or address.
+    pub host: String,
+    /// Port.
+    pub port: u16,
+    /// True if the connection is encrypted.
+    pub is_tls: bool,
+    /// File with an NKEY seed or a JWT with its seed; `None` on loopback without login.
+    pub credentials: Option<CredentialPath>,
+    /// File with the certificates (PEM) that are trusted besides the machine's own.
+    pub ca: Option<CredentialPath>,
+}
+
+impl NatsSettings {
+    /// Address as configured.
+    pub fn url(&self) -> String {
+        let scheme = if self.is_tls { "nats+tls" } else { "nats" };
+        format!("{scheme}://{}:{}", self.host, self.port)
+    }
+}
+
+/// Settings of the copy to a centre.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ForwardSettings {
+    /// Post.
+    pub nats: NatsSettings,
+    /// Name of the site at the centre.
+    pub site: String,
+}
+
+/// True for a name that can be a word of a subject.
+pub fn is_site(name: &str) -> bool {
+    (1..=LONGEST_SITE).contains(&name.len())
+        && name
+            .bytes()
+            .all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_')
+}

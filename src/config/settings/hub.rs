@@ -1,0 +1,35 @@
+//! Settings of the centre: its storage and its sites.
+
+use super::credential::CredentialPath;
+use std::path::PathBuf;
+
+/// Storage of the centre.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Storage {
+    /// A file, for up to some 200 rods.
+    Sqlite(PathBuf),
+    /// A PostgreSQL server.
+    Postgres(PostgresSettings),
+}
+
+/// Connection to a PostgreSQL server.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PostgresSettings {
+    /// Connection string of libpq, without a password.
+    pub connection: String,
+    /// File with the password.
+    pub password_file: Option<CredentialPath>,
+    /// File with the certificates (PEM) that its server's must come from; TLS is used with it alone.
+    pub ca: Option<CredentialPath>,
+}
+
+/// A site on the list.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SiteSettings {
+    /// Name, as in its subjects.
+    pub name: String,
+    /// Address of its own page, shown as a link.
+    pub link: Option<String>,
+    /// Time without a message or sign of life after which it counts as silent \[s\].
+    pub silent_s: f64,
+}

@@ -1,0 +1,193 @@
+//! Copy of a store's log to a centre, over NATS JetStream: one more sink, which reads beside the writer.
+//!
+//! The end of the site's subject is the position: whatever was lost on the way, the next message follows the last one there. A
+//! broker that is dead, hangs or refuses delays nothing but itself. docs/hub.md describes post and centre.
+
+pub mod link;
+pub mod message;
+mod session;
+
+pub use session::{Session, SessionError};
+
+use crate::analysis::numerics::random;
+use crate::config::settings::forward::ForwardSettings;
+use crate::service::alert::{Backoff, Pace};
+use crate::service::telemetry::metrics::Delivery;
+use crate::service::telemetry::{Fault, Telemetry};
+use crate::site::store::Reader;
+use std::future::Future;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::time::{Duration, Instant};
+use std::{io, thread};
+use tokio::sync::{Notify, watch};
+
+/// Id of this sink, in conditions, metrics and the store.
+pub const SINK: &str = "forward";
+
+/// Interval at which the store is checked without notification.
+const LOOK: Duration = Duration::from_secs(5);
+/// Least time between two notes of the position in the store.
+const NOTE: Duration = Duration::from_secs(10);
+/// Longest time to stop, unless in the middle of a send.
+const STOP_WITHIN: Duration = Duration::from_millis(100);
+
+/// Waits between connections: a post that is back is soon found, by some 2000 sites not all at once.
+const PACE: Pace = Pace {
+    first: Duration::from_secs(1),
+    longest: Duration::from_secs(30),
+    deadline: link::ANSWER,
+};
+
+/// Callback for the number of the last commit that the post has; must not wait.
+pub type Noted = Box<dyn FnMut(i64) + Send>;
+
+/// The running copy, ended when dropped.
+pub struct Forwarder {
+    settings: ForwardSettings,
+    wake: Arc<Notify>,
+    stop: watch::Sender<bool>,
+    ended: Receiver<()>,
+}
+
+impl Forwarder {
+    /// Starts it on a thread of its own.
+    ///
+    /// # Errors
+    /// The system gives no thread.
+    pub fn start(
+        settings: &ForwardSettings,
+        store: PathBuf,
+        noted: Noted,
+        telemetry: Telemetry,
+    ) -> io::Result<Self> {
+        let (wake, (stop, stopped)) = (Arc::<Notify>::default(), watch::channel(false));
+        let (ending, ended) = sync_channel(0);
+        let seed = random::seed(&[SINK.as_bytes(), settings.site.as_bytes()]);
+        let worker = Worker {
+            settings: settings.clone(),
+            store,
+            noted,
+            noted_at: None,
+            telemetry,
+            backoff: Backoff::new(PACE, seed),
+            wake: Arc::clone(&wake),
+            stopped,
+            has_led: false,
+        };
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()?;
+        thread::Builder::new().name(SINK.to_owned()).spawn(move || {
+            runtime.block_on(worker.run());
+            drop(ending);
+        })?;
+        Ok(Self {
+            settings: settings.clone(),
+            wake,
+            stop,
+            ended,
+        })
+    }
+
+    /// True if it works with these settings.
+    pub fn is_of(&self, settings: &ForwardSettings) -> bool {
+        self.settings == *settings
+    }
+
+    /// Notifies it that there may be commits.
+    pub fn wake(&self) {
+        self.wake.notify_one();
+    }
+}
+
+impl Drop for Forwarder {
+    fn drop(&mut self) {
+        self.stop.send_replace(true);
+        let _ = self.ended.recv_timeout(STOP_WITHIN);
+    }
+}
+
+struct Worker {
+    settings: ForwardSettings,
+    store: PathBuf,
+    noted: Noted,
+    noted_at: Option<Instant>,
+    telemetry: Telemetry,
+    backoff: Backoff,
+    wake: Arc<Notify>,
+    stopped: watch::Receiver<bool>,
+    /// True after this process has sent a message.
+    has_led: bool,
+}
+
+impl Worker {
+    async fn run(mut self) {
+        let mut stopped = self.stopped.clone();
+        let work = async {
+            loop {
+                let Err(error) = self.work().await;
+                let wait = self.backoff.after_failure(None);
+                let detail = format!(
+                    "forward to {}: {error}; tried again in {:.0} s",
+                    self.settings.nats.url(),
+                    wait.as_secs_f64().ceil()
+                );
+                self.telemetry.metrics.delivery(SINK, Delivery::Failed);
+                self.telemetry.health.hold(Fault::Forward, SINK, detail);
+                tokio::time::sleep(wait).await;
+            }
+        };
+        or_stopped(&mut stopped, work).await;
+    }
+
+    /// Sends until something fails.
+    async fn work(&mut self) -> Result<std::convert::Infallible, SessionError> {
+        let reader = Reader::open(&self.store)?;
+        let settings = self.settings.clone();
+        let mut session = Session::open(&settings, &reader, self.has_led).await?;
+        loop {
+            let latest = reader.latest_change()?;
+            let waiting = latest - session.end().through;
+            self.telemetry
+                .metrics
+                .outbox(SINK, usize::try_from(waiting).unwrap_or(0));
+            match session.send_next(&reader).await? {
+                Some(through) => {
+                    self.has_led = true;
+                    self.telemetry.metrics.delivery(SINK, Delivery::Delivered);
+                    self.worked(through, through == latest);
+                }
+                None => {
+                    self.worked(session.end().through, true);
+                    let wake = async {
+                        // A notification or the interval: both lead to the next look.
+                        let _ = tokio::time::timeout(LOOK, self.wake.notified()).await;
+                        Ok::<_, SessionError>(())
+                    };
+                    session.link().unless_lost(wake).await?;
+                }
+            }
+        }
+    }
+
+    /// Ends the condition, and notes the position now and then.
+    fn worked(&mut self, through: i64, is_all: bool) {
+        self.backoff.reset();
+        self.telemetry.health.over(Fault::Forward, SINK);
+        let is_due = self.noted_at.is_none_or(|at| at.elapsed() >= NOTE);
+        if is_all && is_due {
+            self.noted_at = Some(Instant::now());
+            (self.noted)(through);
+        }
+    }
+}
+
+/// Runs `work` until it ends or `stopped` becomes true.
+async fn or_stopped(stopped: &mut watch::Receiver<bool>, work: impl Future<Output = ()>) {
+    tokio::select! {
+        _ = stopped.wait_for(|stopped| *stopped) => {}
+        () = work => {}
+    }
+}

@@ -1,0 +1,270 @@
+//! One connection's work: finds where the subject ends, and continues it commit by commit, one message in flight.
+
+use super::link::{ANSWER, Link, LinkError};
+use super::message::{self, Label, MessageError, OUT, STREAM};
+use crate::config::settings::forward::ForwardSettings;
+use crate::site::store::{Change, ChangedRow, FORMAT, Reader, StoreError};
+use async_nats::jetstream::context::PublishErrorKind;
+use async_nats::jetstream::message::{PublishMessage, StreamMessage};
+use async_nats::jetstream::stream::DirectGetErrorKind;
+
+/// Most commits in a message.
+const MOST: usize = 200;
+/// Room for headers in a message \[bytes\].
+const HEADERS: usize = 4096;
+/// Tables whose rows are written once and kept.
+const NEVER_CHANGED: [&str; 5] = ["config", "record", "mode", "outbox", "notice"];
+/// Largest message sent, even to a server that takes more \[bytes\].
+const LARGEST: usize = 1 << 20;
+
+/// Reason why a connection is given up.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// The post.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A message.
+    #[error(transparent)]
+    Message(#[from] MessageError),
+    /// The store is older than what was sent of it.
+    #[error(
+        "the post has commit {sent} of this store, which ends with {own} and does not have it so: the store was set back to a copy, \
+         and what follows would contradict what the centre has; begin a new store, it opens a segment of its own there"
+    )]
+    SetBack {
+        /// Last commit of the store at the post.
+        sent: i64,
+        /// Last commit of the store.
+        own: i64,
+    },
+    /// Another store sends under the same name.
+    #[error(
+        "store {other} sends as site {site}, too, and this is store {own}: one of two machines has the wrong name, or an old one is \
+         still at work"
+    )]
+    TwoStores {
+        /// Name of the site.
+        site: String,
+        /// Id of the other store.
+        other: String,
+        /// Id of this one.
+        own: String,
+    },
+    /// A commit does not fit into a message.
+    #[error(
+        "commit {number} makes a message of {bytes} bytes, and the server takes {allowed}: raise its max_payload"
+    )]
+    TooLarge {
+        /// Number of the commit.
+        number: i64,
+        /// Size of the message \[bytes\].
+        bytes: usize,
+        /// Largest message the server takes \[bytes\].
+        allowed: usize,
+    },
+    /// The store has no id.
+    #[error("the store is of an older format")]
+    Old,
+}
+
+/// End of a site's subject.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct End {
+    /// Sequence of its last message in the stream; 0 without any.
+    pub sequence: u64,
+    /// Last commit of this store in it; 0 without any.
+    pub through: i64,
+}
+
+/// Work of one connection.
+pub struct Session<'a> {
+    link: Link,
+    settings: &'a ForwardSettings,
+    epoch: String,
+    end: End,
+    subject: String,
+    allowed: usize,
+}
+
+impl<'a> Session<'a> {
+    /// Connects, and finds the end of the subject. `has_led` is true if this process has sent already: another store at the end
+    /// is then one that works at the same time.
+    ///
+    /// # Errors
+    /// The post refuses, or the store does not continue what was sent.
+    pub async fn open(
+        settings: &'a ForwardSettings,
+        reader: &Reader,
+        has_led: bool,
+    ) -> Result<Self, SessionError> {
+        let epoch = reader.epoch()?.ok_or(SessionError::Old)?;
+        let link = Link::open(&settings.nats, &settings.site).await?;
+        let allowed = link.client.server_info().max_payload.min(LARGEST) - HEADERS;
+        let mut session = Self {
+            link,
+            settings,
+            epoch,
+            end: End {
+                sequence: 0,
+                through: 0,
+            },
+            subject: format!("{OUT}.{}", settings.site),
+            allowed,
+        };
+        session.find_end(reader, has_led).await?;
+        Ok(session)
+    }
+
+    /// Connection of the session.
+    pub fn link(&self) -> &Link {
+        &self.link
+    }
+
+    /// End of the subject as known.
+    pub fn end(&self) -> End {
+        self.end
+    }
+
+    /// Reads the last message of the subject and continues after it.
+    async fn find_end(&mut self, reader: &Reader, has_led: bool) -> Result<(), SessionError> {
+        let Some(last) = self.last_message().await? else {
+            self.end = End {
+                sequence: 0,
+                through: 0,
+            };
+            return Ok(());
+        };
+        let through = match Label::read(&last.headers) {
+            Ok(label) if label.epoch == self.epoch => label.last,
+            Ok(label) if has_led => {
+                return Err(SessionError::TwoStores {
+                    site: self.settings.site.clone(),
+                    other: label.epoch,
+                    own: self.epoch.clone(),
+                });
+            }
+            // Another store's history ends here, and this one's begins; the centre keeps them apart. A message without a label is
+            // parked there.
+            _ => 0,
+        };
+        let own = reader.latest_change()?;
+        if through > own || (through > 0 && !self.is_ours(&last, through, reader)?) {
+            return Err(SessionError::SetBack { sent: through, own });
+        }
+        self.end = End {
+            sequence: last.sequence,
+            through,
+        };
+        Ok(())
+    }
+
+    /// True if the last commit of a message is that of this store: the rows that are never changed are compared, as far as the
+    /// store still has them.
+    fn is_ours(&self, last: &StreamMessage, through: i64, reader: &Reader) -> Result<bool, SessionError> {
+        let sent = Label::read(&last.headers).and_then(|label| message::decode(&label, &last.payload));
+        // What cannot be read the centre parks; the next message follows it all the same.
+        let Ok(mut sent) = sent else { return Ok(true) };
+        let own = reader.changes_after(through - 1, 1)?.pop();
+        let fixed = |change: Option<Change>| -> Vec<ChangedRow> {
+            let rows = change.map(|change| change.rows).unwrap_or_default();
+            let is_fixed = |row: &ChangedRow| NEVER_CHANGED.contains(&row.table.as_str());
+            rows.into_iter().filter(is_fixed).collect()
+        };
+        Ok(fixed(sent.pop()) == fixed(own))
+    }
+
+    async fn last_message(&self) -> Result<Option<StreamMessage>, SessionError> {
+        let what = format!("the last message of {}", self.subject);
+        let stream = self.link.jetstream.get_stream_no_info(STREAM).await;
+        let stream = stream.map_err(|error| self.link.failed(&what, &error))?;
+        let ask = async {
+            // A request that may not be asked is never answered.
+            let asked = stream.direct_get_last_for_subject(self.subject.as_str());
+            match tokio::time::timeout(ANSWER, asked).await {
+                Ok(Ok(message)) => Ok(Some(message)),
+                Ok(Err(error)) if error.kind() == DirectGetErrorKind::NotFound => Ok(None),
+                Ok(Err(error)) => Err(self.link.failed(&what, &error).into()),
+                Err(elapsed) => Err(self.link.failed(&what, &elapsed).into()),
+            }
+        };
+        self.link.unless_lost(ask).await
+    }
+
+    /// Sends the next message; returns the last commit it held, or `None` if there is nothing to send.
+    ///
+    /// # Errors
+    /// The post or the store refuses; what was sent last is not known then.
+    pub async fn send_next(&mut self, reader: &Reader) -> Result<Option<i64>, SessionError> {
+        let changes = reader.changes_after(self.end.through, MOST)?;
+        let Some((count, payload)) = self.fit(&changes)? else {
+            return Ok(None);
+        };
+        let label = Label {
+            epoch: self.epoch.clone(),
+            first: self.end.through + 1,
+            last: self.end.through + count as i64,
+            format: FORMAT,
+        };
+        let message = PublishMessage::build()
+            .payload(payload.into())
+            .headers(label.headers(self.end.sequence));
+        let what = format!("commits {} to {}", label.first, label.last);
+        let send = async {
+            let sent = self
+                .link
+                .jetstream
+                .send_publish(self.subject.clone(), message)
+                .await;
+            Ok::<_, SessionError>(match sent {
+                Ok(sent) => sent.await,
+                Err(error) => Err(error),
+            })
+        };
+        match self.link.unless_lost(send).await? {
+            Ok(ack) if ack.stream == STREAM => {
+                self.end = End {
+                    sequence: ack.sequence,
+                    through: label.last,
+                };
+            }
+            Ok(ack) => {
+                let wrong = format!("the stream {} took it instead of {STREAM}", ack.stream);
+                return Err(LinkError::Failed(wrong).into());
+            }
+            // The last acknowledgement was lost, the stream was set back, or another store sends: its end tells which.
+            Err(error) if error.kind() == PublishErrorKind::WrongLastSequence => {
+                let before = self.end;
+                self.find_end(reader, true).await?;
+                if self.end == before {
+                    // A copy of the stream that is not up to date yet.
+                    return Err(self.link.failed(&what, &error).into());
+                }
+            }
+            Err(error) => return Err(self.link.failed(&what, &error).into()),
+        }
+        Ok(Some(self.end.through))
+    }
+
+    /// As many of the commits as fit into a message, and its content; `None` without commits.
+    fn fit(&self, changes: &[Change]) -> Result<Option<(usize, Vec<u8>)>, SessionError> {
+        let mut count = changes.len();
+        while let Some(change) = changes.first() {
+            let payload = message::encode(&changes[..count])?;
+            if payload.len() <= self.allowed {
+                return Ok(Some((count, payload)));
+            }
+            if count == 1 {
+                return Err(SessionError::TooLarge {
+                    number: change.number,
+                    bytes: payload.len(),
+                    allowed: self.allowed,
+                });
+            }
+            count = count.div_ceil(2);
+        }
+        Ok(None)
+    }
+}

@@ -1,0 +1,480 @@
+//! The centre's database: what it knows of each site, and a batch of messages as one transaction.
+
+use super::sql::{Sql, SqlError, integer, text};
+use super::tables::{self, Copied, NO_MONTH, Partitions, month_of};
+use crate::site::store::StoreError;
+use rusqlite::types::Value;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Most rows written by one statement.
+const TOGETHER: usize = 64;
+
+/// Error of the centre.
+#[derive(Debug, thiserror::Error)]
+pub enum CentreError {
+    /// The database.
+    #[error("the centre's database: {0}")]
+    Sql(String),
+    /// The shapes of the tables.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+impl From<SqlError> for CentreError {
+    fn from(error: SqlError) -> Self {
+        Self::Sql(error.to_string())
+    }
+}
+
+/// History of one store of a site.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct History {
+    /// Its number at the centre, from 1 in the order in which they began.
+    pub store: i64,
+    /// Id of the store.
+    pub epoch: String,
+    /// Time at which it began here \[ns since 1970\].
+    pub began_ns: i64,
+    /// Last commit folded.
+    pub through: i64,
+    /// Message of the stream that held it.
+    pub sequence: i64,
+    /// Begin of its latest record \[ns since 1970\]; 0 without any.
+    pub latest_ns: i64,
+}
+
+/// What the centre knows of a site.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct SiteState {
+    /// Its histories, the current one last.
+    pub histories: Vec<History>,
+    /// Time of its latest message \[ns since 1970\].
+    pub heard_ns: i64,
+    /// Fault of its messages that lasts, as `gap`, with its detail.
+    pub fault: Option<(String, String)>,
+}
+
+/// A message that is not folded.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Parked {
+    /// Its number in the stream.
+    pub sequence: i64,
+    /// Site of its subject.
+    pub site: String,
+    /// Time at which the server took it \[ns since 1970\].
+    pub time_ns: i64,
+    /// Word for the reason.
+    pub fault: String,
+    /// The reason in one sentence.
+    pub detail: String,
+    /// Its headers, one a line.
+    pub headers: String,
+    /// Its content.
+    pub payload: Vec<u8>,
+}
+
+/// Place in the stream: its latest message that was folded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Position {
+    /// Its number; 0 before any.
+    pub sequence: i64,
+    /// Time at which the server took it \[ns since 1970\]: another message of the same number has another one.
+    pub time_ns: i64,
+}
+
+/// Content of one transaction.
+#[derive(Debug, Default)]
+pub struct Batch {
+    /// Rows to write by table and key: the last one of a key counts.
+    rows: BTreeMap<(usize, String), Vec<Value>>,
+    /// Rods without records that were removed: site, store, rod.
+    forgotten: Vec<(String, i64, String)>,
+    months: BTreeSet<i64>,
+    /// Sites whose state changed.
+    pub sites: BTreeMap<String, SiteState>,
+    /// Messages to park.
+    pub parked: Vec<Parked>,
+    /// Messages no longer parked, by number and time.
+    pub taken_up: Vec<(i64, i64)>,
+    /// Latest message of the stream.
+    pub position: Option<Position>,
+}
+
+impl Batch {
+    /// Adds a row of a copied table.
+    pub fn put(
+        &mut self,
+        copied: &[Copied],
+        table: usize,
+        site: &str,
+        store: i64,
+        start_ns: Option<i64>,
+        row: Vec<Value>,
+    ) {
+        let Some(of) = copied.get(table) else { return };
+        let mut key = format!("{site}/{store}");
+        let mut own: Vec<_> = of
+            .shape
+            .columns
+            .iter()
+            .zip(&row)
+            .filter(|(column, _)| column.key > 0)
+            .collect();
+        own.sort_by_key(|(column, _)| column.key);
+        for (_, value) in own {
+            key += &format!("/{value:?}");
+        }
+        let mut values = vec![Value::Text(site.to_owned()), Value::Integer(store)];
+        if of.is_monthly {
+            let month = month_of(start_ns);
+            self.months.insert(month);
+            values.push(Value::Integer(month));
+        }
+        values.extend(row);
+        self.rows.insert((table, key), values);
+    }
+
+    /// Removes the rows of a rod without records, also those of this batch.
+    pub fn forget(&mut self, copied: &[Copied], site: &str, store: i64, rod: &str) {
+        let is_of_rod = |values: &[Value]| {
+            values.first() == Some(&Value::Text(site.to_owned()))
+                && values.get(1) == Some(&Value::Integer(store))
+                && values.get(2) == Some(&Value::Text(rod.to_owned()))
+        };
+        self.rows.retain(|(table, _), values| {
+            let name = copied.get(*table).map(|copied| copied.shape.table);
+            !(matches!(name, Some("rod" | "segment")) && is_of_rod(values))
+        });
+        self.forgotten.push((site.to_owned(), store, rod.to_owned()));
+    }
+
+    /// True if there is nothing to write but perhaps the position.
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty() && self.sites.is_empty() && self.parked.is_empty() && self.taken_up.is_empty()
+    }
+}
+
+/// The centre's database.
+pub struct Centre {
+    sql: Box<dyn Sql>,
+    copied: Vec<Copied>,
+    partitions: Partitions,
+    stream: &'static str,
+}
+
+impl Centre {
+    /// Opens a database and creates the tables it lacks.
+    ///
+    /// # Errors
+    /// The database refuses, or its tables are of another format.
+    pub fn open(mut sql: Box<dyn Sql>) -> Result<Self, CentreError> {
+        let copied = Copied::all()?;
+        tables::create(&mut *sql, &copied)?;
+        let mut partitions = Partitions::default();
+        partitions.ensure(&mut *sql, &[NO_MONTH].into())?;
+        Ok(Self::over(sql, copied, partitions))
+    }
+
+    /// Reads a database that a hub has made.
+    ///
+    /// # Errors
+    /// No hub has, or its tables are of another format.
+    pub fn beside(mut sql: Box<dyn Sql>) -> Result<Self, CentreError> {
+        tables::check(&mut *sql)?;
+        Ok(Self::over(sql, Copied::all()?, Partitions::default()))
+    }
+
+    fn over(sql: Box<dyn Sql>, copied: Vec<Copied>, partitions: Partitions) -> Self {
+        Self {
+            sql,
+            copied,
+            partitions,
+            stream: crate::service::forward::message::STREAM,
+        }
+    }
+
+    /// Tables that copy those of a store.
+    pub fn copied(&self) -> &[Copied] {
+        &self.copied
+    }
+
+    /// The database, for other questions.
+    pub fn sql(&mut self) -> &mut dyn Sql {
+        &mut *self.sql
+    }
+
+    /// Latest message of the stream that was folded.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn position(&mut self) -> Result<Position, CentreError> {
+        let found = self.sql.query(
+            "SELECT \"sequence\", \"time_ns\" FROM \"position\" WHERE \"stream\" = $1",
+            &[Value::Text(self.stream.to_owned())],
+        )?;
+        let of = |place: usize| integer(found.first().and_then(|row| row.get(place)));
+        Ok(Position {
+            sequence: of(0),
+            time_ns: of(1),
+        })
+    }
+
+    /// What is known of every site.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn sites(&mut self) -> Result<BTreeMap<String, SiteState>, CentreError> {
+        let mut sites = BTreeMap::<String, SiteState>::new();
+        let rows = self.sql.query(
+            "SELECT \"site\", \"heard_ns\", \"fault\", \"detail\" FROM \"site\"",
+            &[],
+        )?;
+        for row in rows {
+            let fault = text(row.get(2));
+            let state = SiteState {
+                histories: Vec::new(),
+                heard_ns: integer(row.get(1)),
+                fault: (!fault.is_empty()).then(|| (fault, text(row.get(3)))),
+            };
+            sites.insert(text(row.first()), state);
+        }
+        let rows = self.sql.query(
+            "SELECT \"site\", \"store\", \"epoch\", \"began_ns\", \"through\", \"sequence\", \"latest_ns\" FROM \"store\"
+             ORDER BY \"site\", \"store\"",
+            &[],
+        )?;
+        for row in rows {
+            let history = History {
+                store: integer(row.get(1)),
+                epoch: text(row.get(2)),
+                began_ns: integer(row.get(3)),
+                through: integer(row.get(4)),
+                sequence: integer(row.get(5)),
+                latest_ns: integer(row.get(6)),
+            };
+            sites
+                .entry(text(row.first()))
+                .or_default()
+                .histories
+                .push(history);
+        }
+        Ok(sites)
+    }
+
+    /// Parked messages of a site, in order.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn parked(&mut self, site: &str) -> Result<Vec<Parked>, CentreError> {
+        let rows = self.sql.query(
+            "SELECT \"sequence\", \"site\", \"time_ns\", \"fault\", \"detail\", \"headers\", \"payload\" FROM \"parked\"
+             WHERE \"site\" = $1 ORDER BY \"sequence\"",
+            &[Value::Text(site.to_owned())],
+        )?;
+        let parked = rows.into_iter().map(|row| Parked {
+            sequence: integer(row.first()),
+            site: text(row.get(1)),
+            time_ns: integer(row.get(2)),
+            fault: text(row.get(3)),
+            detail: text(row.get(4)),
+            headers: text(row.get(5)),
+            payload: match row.into_iter().nth(6) {
+                Some(Value::Blob(bytes)) => bytes,
+                _ => Vec::new(),
+            },
+        });
+        Ok(parked.collect())
+    }
+
+    /// Drops the parked messages of a site, and its mark; returns their number.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn discard(&mut self, site: &str) -> Result<u64, CentreError> {
+        let name = [Value::Text(site.to_owned())];
+        let dropped = self
+            .sql
+            .execute("DELETE FROM \"parked\" WHERE \"site\" = $1", &name)?;
+        self.sql.execute(
+            "UPDATE \"site\" SET \"fault\" = '', \"detail\" = '' WHERE \"site\" = $1",
+            &name,
+        )?;
+        Ok(dropped)
+    }
+
+    /// Every row of a copied table of one store, in the order of its key, as that store has it.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn rows_of(
+        &mut self,
+        copied: &Copied,
+        site: &str,
+        store: i64,
+    ) -> Result<Vec<Vec<Value>>, CentreError> {
+        let columns: Vec<&str> = copied.shape.columns.iter().map(|c| c.name.as_str()).collect();
+        let key = copied.key();
+        let bytewise = self.sql.is_postgres();
+        let order: Vec<String> = key[2..]
+            .iter()
+            .filter(|column| **column != "month")
+            .map(|column| {
+                let is_text =
+                    copied.shape.columns.iter().any(|known| {
+                        known.name == *column && known.kind == crate::site::store::ValueKind::Text
+                    });
+                // A store's order is that of the bytes.
+                let collation = if bytewise && is_text { " COLLATE \"C\"" } else { "" };
+                format!("\"{column}\"{collation}")
+            })
+            .collect();
+        let sql = format!(
+            "SELECT {} FROM \"{}\" WHERE \"site\" = $1 AND \"store\" = $2 ORDER BY {}",
+            tables::quoted(&columns),
+            copied.shape.table,
+            order.join(", ")
+        );
+        let values = [Value::Text(site.to_owned()), Value::Integer(store)];
+        Ok(self.sql.query(&sql, &values)?)
+    }
+
+    /// Makes all of a batch durable, or nothing.
+    ///
+    /// # Errors
+    /// The database refuses; nothing was written.
+    pub fn commit(&mut self, batch: Batch) -> Result<(), CentreError> {
+        self.sql.batch("BEGIN")?;
+        let written = self.write(batch).and_then(|()| self.sql.batch("COMMIT"));
+        if let Err(error) = written {
+            self.partitions.forget();
+            // The first error matters more; a lost connection has rolled back by itself.
+            let _ = self.sql.batch("ROLLBACK");
+            return Err(error.into());
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, batch: Batch) -> Result<(), SqlError> {
+        let sql = &mut *self.sql;
+        self.partitions.ensure(sql, &batch.months)?;
+        for (site, store, rod) in batch.forgotten {
+            let values = [Value::Text(site), Value::Integer(store), Value::Text(rod)];
+            for table in ["segment", "rod"] {
+                let sentence = format!(
+                    "DELETE FROM \"{table}\" WHERE \"site\" = $1 AND \"store\" = $2 AND \"rod\" = $3"
+                );
+                sql.execute(&sentence, &values)?;
+            }
+        }
+        let mut by_table = BTreeMap::<usize, Vec<Vec<Value>>>::new();
+        for ((table, _), values) in batch.rows {
+            by_table.entry(table).or_default().push(values);
+        }
+        for (table, rows) in by_table {
+            let Some(copied) = self.copied.get(table) else {
+                continue;
+            };
+            let mut rows = rows.as_slice();
+            while !rows.is_empty() {
+                // Few different lengths: each is a statement to prepare.
+                let count = TOGETHER.min(1 << rows.len().ilog2());
+                let (now, later) = rows.split_at(count);
+                sql.execute(&copied.upsert(count), &now.concat())?;
+                rows = later;
+            }
+        }
+        for (site, state) in batch.sites {
+            write_site(sql, &site, state)?;
+        }
+        for parked in batch.parked {
+            write_parked(sql, parked)?;
+        }
+        for (sequence, time_ns) in batch.taken_up {
+            sql.execute(
+                "DELETE FROM \"parked\" WHERE \"sequence\" = $1 AND \"time_ns\" = $2",
+                &[Value::Integer(sequence), Value::Integer(time_ns)],
+            )?;
+        }
+        if let Some(position) = batch.position {
+            sql.execute(
+                "INSERT INTO \"position\" (\"stream\", \"sequence\", \"time_ns\") VALUES ($1, $2, $3)
+                 ON CONFLICT (\"stream\") DO UPDATE SET \"sequence\" = excluded.\"sequence\", \"time_ns\" = excluded.\"time_ns\"",
+                &[
+                    Value::Text(self.stream.to_owned()),
+                    Value::Integer(position.sequence),
+                    Value::Integer(position.time_ns),
+                ],
+            )?;
+        }
+        Ok(())
+    }
+
+    /// Empties every table, to fold the stream from its beginning.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn clear(&mut self) -> Result<(), CentreError> {
+        let empty = if self.sql.is_postgres() {
+            "TRUNCATE"
+        } else {
+            "DELETE FROM"
+        };
+        let mut all = String::from("BEGIN;");
+        for name in tables::names(&self.copied) {
+            if name != "centre" {
+                all += &format!("{empty} \"{name}\";");
+            }
+        }
+        Ok(self.sql.batch(&(all + "COMMIT;"))?)
+    }
+}
+
+fn write_site(sql: &mut dyn Sql, site: &str, state: SiteState) -> Result<(), SqlError> {
+    let (fault, detail) = state.fault.unwrap_or_default();
+    sql.execute(
+        "INSERT INTO \"site\" (\"site\", \"heard_ns\", \"fault\", \"detail\") VALUES ($1, $2, $3, $4)
+         ON CONFLICT (\"site\") DO UPDATE SET \"heard_ns\" = excluded.\"heard_ns\",
+            \"fault\" = excluded.\"fault\", \"detail\" = excluded.\"detail\"",
+        &[
+            Value::Text(site.to_owned()),
+            Value::Integer(state.heard_ns),
+            Value::Text(fault),
+            Value::Text(detail),
+        ],
+    )?;
+    for history in &state.histories {
+        sql.execute(
+            "INSERT INTO \"store\" (\"site\", \"store\", \"epoch\", \"began_ns\", \"through\", \"sequence\", \"latest_ns\")
+             VALUES ($1, $2, $3, $4, $5, $6, $7)
+             ON CONFLICT (\"site\", \"store\") DO UPDATE SET \"through\" = excluded.\"through\",
+                \"sequence\" = excluded.\"sequence\", \"latest_ns\" = excluded.\"latest_ns\"",
+            &[
+                Value::Text(site.to_owned()),
+                Value::Integer(history.store),
+                Value::Text(history.epoch.clone()),
+                Value::Integer(history.began_ns),
+                Value::Integer(history.through),
+                Value::Integer(history.sequence),
+                Value::Integer(history.latest_ns),
+            ],
+        )?;
+    }
+    Ok(())
+}
+
+fn write_parked(sql: &mut dyn Sql, parked: Parked) -> Result<(), SqlError> {
+    sql.execute(
+        "INSERT INTO \"parked\" (\"sequence\", \"site\", \"time_ns\", \"fault\", \"detail\", \"headers\", \"payload\")
+         VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT (\"sequence\", \"time_ns\") DO NOTHING",
+        &[
+            Value::Integer(parked.sequence),
+            Value::Text(parked.site),
+            Value::Integer(parked.time_ns),
+            Value::Text(parked.fault),
+            Value::Text(parked.detail),
+            Value::Text(parked.headers),
+            Value::Blob(parked.payload),
+        ],
+    )?;
+    Ok(())
+}

@@ -1,0 +1,571 @@
+//! Judgement of each message: folded, already known, or parked with a reason. It has no connection of its own.
+
+use super::centre::{Batch, History, Parked, Position, SiteState};
+use super::tables::Copied;
+use crate::service::forward::message::{self, Label, MessageError, OUT};
+use crate::site::store::{Change, FORGOTTEN, is_intact};
+use async_nats::HeaderMap;
+use rusqlite::types::Value;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+/// Fault of a site of which commits are missing.
+pub const GAP: &str = "gap";
+/// Fault of a site whose replaced store still sends.
+pub const REPLACED: &str = "replaced-store";
+/// Fault of a site whose message cannot be read.
+pub const UNREADABLE: &str = "unreadable";
+/// Fault of a site whose store is of a newer format.
+pub const NEWER: &str = "newer-format";
+/// Fault of a site that is not on the list.
+pub const UNLISTED: &str = "unlisted";
+
+/// A message of the stream.
+#[derive(Debug, Clone)]
+pub struct Incoming {
+    /// Its number in the stream.
+    pub sequence: i64,
+    /// Its subject.
+    pub subject: String,
+    /// Its headers.
+    pub headers: HeaderMap,
+    /// Its content.
+    pub payload: Vec<u8>,
+    /// Time at which the server took it \[ns since 1970\].
+    pub time_ns: i64,
+}
+
+impl Incoming {
+    /// Site of the subject; the subject itself if it is no site's.
+    fn site(&self) -> &str {
+        self.subject
+            .strip_prefix(OUT)
+            .and_then(|rest| rest.strip_prefix('.'))
+            .unwrap_or(&self.subject)
+    }
+
+    fn parked(&self, fault: &str, detail: String) -> Parked {
+        let headers: Vec<String> = self
+            .headers
+            .iter()
+            .flat_map(|(name, values)| values.iter().map(move |value| format!("{name}: {value}")))
+            .collect();
+        Parked {
+            sequence: self.sequence,
+            site: self.site().to_owned(),
+            time_ns: self.time_ns,
+            fault: fault.to_owned(),
+            detail,
+            headers: headers.join("\n"),
+            payload: self.payload.clone(),
+        }
+    }
+
+    /// The message that was parked.
+    pub fn of_parked(parked: Parked) -> Self {
+        let mut headers = HeaderMap::new();
+        for line in parked.headers.lines() {
+            if let Some((name, value)) = line.split_once(": ") {
+                headers.append(name, value);
+            }
+        }
+        Self {
+            sequence: parked.sequence,
+            subject: format!("{OUT}.{}", parked.site),
+            headers,
+            payload: parked.payload,
+            time_ns: parked.time_ns,
+        }
+    }
+}
+
+/// Result of a message.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Judged {
+    /// Its commits are in the batch, this many new ones.
+    Folded(i64),
+    /// All its commits were folded before.
+    Known,
+    /// It was parked, by fault and detail.
+    Parked(&'static str, String),
+}
+
+/// State of the fold: what is known of each site, ahead of the database by the batch under way.
+pub struct Fold {
+    listed: BTreeSet<String>,
+    copied: Vec<Copied>,
+    places: HashMap<&'static str, usize>,
+    sites: BTreeMap<String, SiteState>,
+}
+
+impl Fold {
+    /// A fold that goes on from what the database knows.
+    pub fn new(listed: BTreeSet<String>, copied: Vec<Copied>, sites: BTreeMap<String, SiteState>) -> Self {
+        let places = copied
+            .iter()
+            .enumerate()
+            .map(|(place, copied)| (copied.shape.table, place));
+        Self {
+            places: places.collect(),
+            listed,
+            copied,
+            sites,
+        }
+    }
+
+    /// What is known of each site.
+    pub fn sites(&self) -> &BTreeMap<String, SiteState> {
+        &self.sites
+    }
+
+    /// Judges the next message of the stream and adds its effect to the batch.
+    pub fn take(&mut self, message: &Incoming, batch: &mut Batch) -> Judged {
+        batch.position = Some(Position {
+            sequence: message.sequence,
+            time_ns: message.time_ns,
+        });
+        let judged = self.judge(message, batch);
+        if let Judged::Parked(fault, detail) = &judged {
+            batch.parked.push(message.parked(fault, detail.clone()));
+            let state = self.sites.entry(message.site().to_owned()).or_default();
+            state.heard_ns = state.heard_ns.max(message.time_ns);
+            // The first fault is the cause; what follows it is its consequence.
+            if state.fault.is_none() {
+                state.fault = Some(((*fault).to_owned(), detail.clone()));
+            }
+            batch.sites.insert(message.site().to_owned(), state.clone());
+        }
+        judged
+    }
+
+    /// Judges messages that were parked again, in order; the site's fault is that of the first that still does not fit.
+    pub fn take_up(&mut self, site: &str, parked: Vec<Parked>, batch: &mut Batch) -> usize {
+        let mut taken = 0;
+        let mut fault = None;
+        for parked in parked {
+            let place = (parked.sequence, parked.time_ns);
+            match self.judge(&Incoming::of_parked(parked), batch) {
+                Judged::Folded(_) | Judged::Known => {
+                    taken += 1;
+                    batch.taken_up.push(place);
+                }
+                Judged::Parked(word, detail) => {
+                    fault.get_or_insert((word.to_owned(), detail));
+                }
+            }
+        }
+        if let Some(state) = self.sites.get_mut(site) {
+            state.fault = fault;
+            batch.sites.insert(site.to_owned(), state.clone());
+        }
+        taken
+    }
+
+    /// Folds a message out of turn if it fits; one that does not changes nothing.
+    pub fn look_again(&mut self, message: &Incoming, batch: &mut Batch) {
+        self.judge(message, batch);
+    }
+
+    fn judge(&mut self, message: &Incoming, batch: &mut Batch) -> Judged {
+        let site = message.site();
+        if !self.listed.contains(site) {
+            return Judged::Parked(UNLISTED, format!("{site} is not on the list of sites"));
+        }
+        let read = Label::read(&message.headers)
+            .and_then(|label| Ok((message::decode(&label, &message.payload)?, label)));
+        let (changes, label) = match read {
+            Ok(read) => read,
+            Err(error @ MessageError::Newer(_)) => return Judged::Parked(NEWER, error.to_string()),
+            Err(error) => return Judged::Parked(UNREADABLE, error.to_string()),
+        };
+        let mut state = self.sites.get(site).cloned().unwrap_or_default();
+        let known = state
+            .histories
+            .iter()
+            .position(|history| history.epoch == label.epoch);
+        match known {
+            Some(place) if place + 1 < state.histories.len() => {
+                return Judged::Parked(
+                    REPLACED,
+                    format!(
+                        "store {} was replaced by another and still sends: two machines have the name {site}, or an old copy is at work",
+                        label.epoch
+                    ),
+                );
+            }
+            Some(_) => {}
+            None if label.first != 1 => {
+                return Judged::Parked(
+                    GAP,
+                    format!(
+                        "it begins with commit {} of store {}, and none before is here",
+                        label.first, label.epoch
+                    ),
+                );
+            }
+            None => state.histories.push(History {
+                store: state.histories.last().map_or(1, |last| last.store + 1),
+                epoch: label.epoch.clone(),
+                began_ns: message.time_ns,
+                through: 0,
+                sequence: 0,
+                latest_ns: 0,
+            }),
+        }
+        let Some(history) = state.histories.last_mut() else {
+            return Judged::Known;
+        };
+        if label.first > history.through + 1 {
+            return Judged::Parked(
+                GAP,
+                format!(
+                    "it begins with commit {} of store {}, and {} is the last here",
+                    label.first, label.epoch, history.through
+                ),
+            );
+        }
+        let through = history.through;
+        let rows = match self.rows(&changes, through) {
+            Ok(rows) => rows,
+            Err(detail) => return Judged::Parked(UNREADABLE, detail),
+        };
+        state.heard_ns = state.heard_ns.max(message.time_ns);
+        if label.last <= through {
+            // A copy with another time of the server still is a sign of life.
+            batch.sites.insert(site.to_owned(), state.clone());
+            self.sites.insert(site.to_owned(), state);
+            return Judged::Known;
+        }
+        let store = history.store;
+        history.through = label.last;
+        history.sequence = message.sequence;
+        for row in rows {
+            match row {
+                Taken::Row(table, start_ns, values) => {
+                    if self
+                        .copied
+                        .get(table)
+                        .is_some_and(|copied| copied.shape.table == "record")
+                    {
+                        history.latest_ns = history.latest_ns.max(start_ns.unwrap_or(0));
+                    }
+                    batch.put(&self.copied, table, site, store, start_ns, values);
+                }
+                Taken::Forgotten(rod) => batch.forget(&self.copied, site, store, &rod),
+            }
+        }
+        batch.sites.insert(site.to_owned(), state.clone());
+        self.sites.insert(site.to_owned(), state);
+        Judged::Folded(label.last - through)
+    }
+
+    /// Rows of the commits after `through`, each checked against its table.
+    fn rows(&self, changes: &[Change], through: i64) -> Result<Vec<Taken>, String> {
+        let mut rows = Vec::new();
+        for change in changes.iter().filter(|change| change.number > through) {
+            // Lines and modes have the month of their record, which comes before them.
+            let mut of_record = HashMap::<i64, Option<i64>>::new();
+            for row in &change.rows {
+                let wrong =
+                    |what: &str| format!("commit {}: a row of table {}: {what}", change.number, row.table);
+                if row.table == FORGOTTEN {
+                    match row.values.first() {
+                        Some(Value::Text(rod)) => rows.push(Taken::Forgotten(rod.clone())),
+                        _ => return Err(wrong("no rod")),
+                    }
+                    continue;
+                }
+                let place = self.places.get(row.table.as_str()).copied();
+                let (Some(place), Some(copied)) = (place, place.and_then(|place| self.copied.get(place)))
+                else {
+                    return Err(wrong("there is no such table"));
+                };
+                let columns = &copied.shape.columns;
+                if columns.len() != row.values.len() {
+                    return Err(wrong("it has not the columns of its table"));
+                }
+                for (column, value) in columns.iter().zip(&row.values) {
+                    let is_good = match value {
+                        Value::Null => !column.is_required,
+                        // PostgreSQL keeps no such text.
+                        Value::Text(text) if text.contains('\0') => false,
+                        value => column.kind.holds(value),
+                    };
+                    if !is_good {
+                        return Err(wrong(&format!(
+                            "column {} holds no value of its kind",
+                            column.name
+                        )));
+                    }
+                }
+                if !is_intact(&row.values) {
+                    return Err(wrong("its checksum is not that of its values"));
+                }
+                let number = |name: &str| {
+                    let place = columns.iter().position(|column| column.name == name)?;
+                    match row.values.get(place) {
+                        Some(Value::Integer(number)) => Some(*number),
+                        _ => None,
+                    }
+                };
+                let start_ns = match row.table.as_str() {
+                    "record" => {
+                        let start_ns = number("start_ns");
+                        if let Some(id) = number("id") {
+                            of_record.insert(id, start_ns);
+                        }
+                        start_ns
+                    }
+                    "line" | "mode" => {
+                        let record = number("record").and_then(|record| of_record.get(&record));
+                        *record.ok_or_else(|| wrong("its record is not in the same commit"))?
+                    }
+                    _ => number("start_ns"),
+                };
+                rows.push(Taken::Row(place, start_ns, row.values.clone()));
+            }
+        }
+        Ok(rows)
+    }
+}
+
+/// A row that was checked.
+enum Taken {
+    /// Table, begin of its record or period, values.
+    Row(usize, Option<i64>, Vec<Value>),
+    /// A rod that was removed.
+    Forgotten(String),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::signal::record::{RodId, Timestamp};
+    use crate::service::hub::centre::Centre;
+    use crate::service::hub::sqlite::Sqlite;
+    use crate::site::store::{Asked, ChangedRow, ConditionEvent, FORMAT, Store};
+
+    /// A store with some commits.
+    fn store() -> Store {
+        let mut store = Store::in_memory().unwrap();
+        store.keep_config("a", "tower", "text").unwrap();
+        for day in 0..5 {
+            let begun = ConditionEvent::raised("sink", "mail", Timestamp::from_nanos(1 + day), "refused");
+            store.watch(&[begun], None).unwrap();
+        }
+        store
+    }
+
+    struct Post {
+        folder: tempfile::TempDir,
+        centre: Centre,
+        fold: Fold,
+        sequence: i64,
+    }
+
+    const SITES: [&str; 2] = ["todi", "gubbio"];
+
+    impl Post {
+        fn new() -> Self {
+            let folder = tempfile::tempdir().unwrap();
+            let mut post = Self {
+                centre: Centre::open(Box::new(Sqlite::open(&folder.path().join("centre.db")).unwrap()))
+                    .unwrap(),
+                fold: Fold::new(BTreeSet::new(), Vec::new(), BTreeMap::new()),
+                folder,
+                sequence: 0,
+            };
+            post.again(&SITES);
+            post
+        }
+
+        /// A hub started anew with these sites on its list.
+        fn again(&mut self, listed: &[&str]) {
+            let listed = listed.iter().map(|site| (*site).to_owned()).collect();
+            let copied = self.centre.copied().to_vec();
+            self.fold = Fold::new(listed, copied, self.centre.sites().unwrap());
+        }
+
+        fn send(&mut self, message: &Incoming) -> Judged {
+            let mut batch = Batch::default();
+            let judged = self.fold.take(message, &mut batch);
+            self.centre.commit(batch).unwrap();
+            judged
+        }
+
+        fn take_up(&mut self, site: &str) -> usize {
+            let mut batch = Batch::default();
+            let parked = self.centre.parked(site).unwrap();
+            let taken = self.fold.take_up(site, parked, &mut batch);
+            self.centre.commit(batch).unwrap();
+            taken
+        }
+
+        fn of(&mut self, site: &str, store: &Store, first: i64, last: i64) -> Incoming {
+            let changes = store
+                .changes_after(first - 1, (last - first + 1) as usize)
+                .unwrap();
+            self.with(site, &store.epoch().unwrap().unwrap(), first, last, &changes)
+        }
+
+        fn with(&mut self, site: &str, epoch: &str, first: i64, last: i64, changes: &[Change]) -> Incoming {
+            self.sequence += 1;
+            let label = Label {
+                epoch: epoch.to_owned(),
+                first,
+                last,
+                format: FORMAT,
+            };
+            Incoming {
+                sequence: self.sequence,
+                subject: format!("{OUT}.{site}"),
+                headers: label.headers(0),
+                payload: message::encode(changes).unwrap(),
+                time_ns: 1_000 * self.sequence,
+            }
+        }
+
+        fn rows(&mut self, table: &str, site: &str, store: i64) -> usize {
+            let copied = self.centre.copied().to_vec();
+            let copied = copied.iter().find(|copied| copied.shape.table == table).unwrap();
+            self.centre.rows_of(copied, site, store).unwrap().len()
+        }
+
+        fn fault(&self, site: &str) -> Option<String> {
+            self.fold.sites().get(site)?.fault.clone().map(|(fault, _)| fault)
+        }
+    }
+
+    #[test]
+    fn a_repeated_message_adds_nothing_and_an_overlapping_one_its_end() {
+        let (mut post, store) = (Post::new(), store());
+        let first = post.of("todi", &store, 1, 3);
+        assert_eq!(post.send(&first), Judged::Folded(3));
+        assert_eq!(post.send(&first), Judged::Known);
+        let overlapping = post.of("todi", &store, 2, 6);
+        assert_eq!(post.send(&overlapping), Judged::Folded(3));
+        assert_eq!(post.rows("notice", "todi", 1), 5);
+        assert_eq!(post.centre.position().unwrap().sequence, 2);
+        // What the hub knows after a crash is what it has written.
+        let before = post.fold.sites().clone();
+        post.again(&SITES);
+        assert_eq!(*post.fold.sites(), before);
+        assert!(post.folder.path().exists());
+    }
+
+    #[test]
+    fn a_gap_is_parked_and_closes_by_itself_and_the_others_go_on() {
+        let (mut post, store) = (Post::new(), store());
+        let messages =
+            [(1, 1), (2, 3), (4, 5), (6, 6)].map(|(first, last)| post.of("todi", &store, first, last));
+        post.send(&messages[0]);
+        for late in [&messages[2], &messages[3]] {
+            assert!(matches!(post.send(late), Judged::Parked(GAP, _)));
+        }
+        assert_eq!(post.fault("todi").as_deref(), Some(GAP));
+        let other = post.of("gubbio", &store, 1, 6);
+        assert_eq!(post.send(&other), Judged::Folded(6));
+        assert_eq!(post.fault("gubbio"), None);
+        assert_eq!(post.send(&messages[1]), Judged::Folded(2));
+        assert_eq!(post.take_up("todi"), 2);
+        assert_eq!(post.fault("todi"), None);
+        assert_eq!(
+            (post.rows("notice", "todi", 1), post.rows("notice", "gubbio", 1)),
+            (5, 5)
+        );
+        assert!(post.centre.parked("todi").unwrap().is_empty());
+    }
+
+    #[test]
+    fn a_replaced_store_is_a_history_of_its_own_and_the_old_one_may_not_go_on() {
+        let (mut post, old, new) = (Post::new(), store(), store());
+        let begun = post.of("todi", &old, 1, 4);
+        post.send(&begun);
+        // A history that does not begin at its beginning is none.
+        let late = post.of("todi", &new, 2, 6);
+        assert!(matches!(post.send(&late), Judged::Parked(GAP, _)));
+        let whole = post.of("todi", &new, 1, 6);
+        assert_eq!(post.send(&whole), Judged::Folded(6));
+        assert_eq!(post.take_up("todi"), 1);
+        assert_eq!(
+            (post.rows("notice", "todi", 1), post.rows("notice", "todi", 2)),
+            (3, 5)
+        );
+        let after = post.of("todi", &old, 5, 6);
+        assert!(matches!(post.send(&after), Judged::Parked(REPLACED, _)));
+        assert_eq!(post.rows("notice", "todi", 1), 3);
+    }
+
+    #[test]
+    fn what_cannot_be_read_or_was_changed_on_the_way_is_parked_by_name() {
+        let (mut post, store) = (Post::new(), store());
+        let good = post.of("todi", &store, 1, 6);
+        let mut wrong: Vec<(&str, Incoming)> = Vec::new();
+        let broken = Incoming {
+            payload: b"nothing".to_vec(),
+            ..good.clone()
+        };
+        wrong.push((UNREADABLE, broken));
+        let bare = Incoming {
+            headers: HeaderMap::new(),
+            ..good.clone()
+        };
+        wrong.push((UNREADABLE, bare));
+        let mut newer = good.clone();
+        newer
+            .headers
+            .insert("Tirante-Format", (FORMAT + 1).to_string().as_str());
+        wrong.push((NEWER, newer));
+        let unlisted = Incoming {
+            subject: format!("{OUT}.nobody"),
+            ..good.clone()
+        };
+        wrong.push((UNLISTED, unlisted));
+        let epoch = store.epoch().unwrap().unwrap();
+        let changes = store.changes_after(0, 6).unwrap();
+        let edits: [fn(&mut ChangedRow); 6] = [
+            |row| row.table = "sqlite_schema".to_owned(),
+            |row| row.values[1] = Value::Text("another".to_owned()),
+            |row| row.values[1] = Value::Null,
+            |row| row.values[1] = Value::Integer(7),
+            |row| row.values[1] = Value::Text("\0".to_owned()),
+            |row| drop(row.values.pop()),
+        ];
+        for edit in edits {
+            let mut changes = changes.clone();
+            edit(&mut changes[0].rows[0]);
+            wrong.push((UNREADABLE, post.with("todi", &epoch, 1, 6, &changes)));
+        }
+        for (fault, mut message) in wrong {
+            post.sequence += 1;
+            message.sequence = post.sequence;
+            let judged = post.send(&message);
+            assert!(
+                matches!(&judged, Judged::Parked(found, _) if *found == fault),
+                "{fault} {judged:?}"
+            );
+        }
+        assert_eq!(post.rows("config", "todi", 1), 0);
+        assert_eq!(post.centre.parked("todi").unwrap().len(), 9);
+        assert_eq!(post.send(&good), Judged::Folded(6));
+        // A site that comes onto the list takes up what came before.
+        post.again(&["todi", "gubbio", "nobody"]);
+        assert_eq!(post.take_up("nobody"), 1);
+        assert_eq!(
+            (post.rows("notice", "nobody", 1), post.fault("nobody")),
+            (5, None)
+        );
+    }
+
+    #[test]
+    fn a_removed_rod_is_removed_from_batch_and_database() {
+        let mut post = Post::new();
+        let mut store = store();
+        let asked = Asked::Rebaseline { reason: None };
+        let rod = RodId("r".to_owned());
+        store.request(&rod, &asked, Timestamp::from_nanos(1)).unwrap();
+        store.forget_rod(&rod).unwrap();
+        let message = post.of("todi", &store, 1, 7);
+        assert_eq!(post.send(&message), Judged::Folded(7));
+        assert_eq!(post.rows("rod", "todi", 1), 0);
+    }
+}

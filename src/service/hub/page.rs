@@ -1,0 +1,240 @@
+//! Page, API, health and metrics of the centre.
+
+use super::sites::{self, SiteRow};
+use crate::config::HubConfig;
+use crate::service::http::Access;
+use crate::service::telemetry::Health;
+use crate::site::clock;
+use axum::Router;
+use axum::extract::{Request, State};
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::middleware::{self, Next};
+use axum::response::{Html, IntoResponse, Response};
+use axum::routing::get;
+use serde::Serialize;
+use std::fmt::Write;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Time for which a list is shown again without asking the database.
+const FRESH: Duration = Duration::from_secs(1);
+
+/// Page of the centre.
+#[derive(Clone)]
+pub struct Page {
+    config: Arc<HubConfig>,
+    health: Arc<Health>,
+    listed: Arc<Mutex<Option<(Instant, Arc<Vec<SiteRow>>)>>>,
+}
+
+impl Page {
+    /// A page that reads the database of the configuration.
+    pub fn new(config: Arc<HubConfig>, health: Arc<Health>) -> Self {
+        Self {
+            config,
+            health,
+            listed: Arc::default(),
+        }
+    }
+
+    /// Routes of the page; a name that is not ours is not answered.
+    pub fn routes(self, access: Access) -> Router {
+        let hosts = middleware::from_fn(move |request: Request, next: Next| {
+            let is_ours = access.is_host(request.headers());
+            async move {
+                if !is_ours {
+                    let why = "this server does not answer to that name: put it into http.names\n";
+                    return (StatusCode::MISDIRECTED_REQUEST, why).into_response();
+                }
+                let mut response = next.run(request).await;
+                let strict =
+                    "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'; base-uri 'none'";
+                for (name, value) in [
+                    (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+                    (header::CACHE_CONTROL, "no-store"),
+                    (header::CONTENT_SECURITY_POLICY, strict),
+                    (header::REFERRER_POLICY, "no-referrer"),
+                ] {
+                    response
+                        .headers_mut()
+                        .insert(name, HeaderValue::from_static(value));
+                }
+                response
+            }
+        });
+        Router::new()
+            .route("/", get(page))
+            .route("/api/v1/sites", get(api))
+            .route("/healthz", get(healthz))
+            .route("/metrics", get(metrics))
+            .layer(hosts)
+            .with_state(self)
+    }
+
+    /// The list, at most a second old.
+    fn rows(&self) -> Result<Arc<Vec<SiteRow>>, String> {
+        let mut listed = self.listed.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((at, rows)) = &*listed
+            && at.elapsed() < FRESH
+        {
+            return Ok(Arc::clone(rows));
+        }
+        let list = || {
+            let mut centre = super::beside(&self.config.storage)?;
+            sites::list(&mut centre, &self.config.sites, clock::now().as_nanos())
+        };
+        let rows = Arc::new(list().map_err(|error: super::CentreError| error.to_string())?);
+        *listed = Some((Instant::now(), Arc::clone(&rows)));
+        Ok(rows)
+    }
+
+    async fn asked(self) -> Result<Arc<Vec<SiteRow>>, Response> {
+        let unavailable = |error: String| (StatusCode::SERVICE_UNAVAILABLE, error + "\n").into_response();
+        match tokio::task::spawn_blocking(move || self.rows()).await {
+            Ok(rows) => rows.map_err(unavailable),
+            Err(error) => Err(unavailable(error.to_string())),
+        }
+    }
+}
+
+fn json<T: Serialize>(status: StatusCode, body: &T) -> Response {
+    match serde_json::to_string(body) {
+        Ok(text) => (status, [(header::CONTENT_TYPE, "application/json")], text + "\n").into_response(),
+        Err(error) => (StatusCode::INTERNAL_SERVER_ERROR, format!("{error}\n")).into_response(),
+    }
+}
+
+async fn api(State(page): State<Page>) -> Response {
+    match page.asked().await {
+        Ok(rows) => json(StatusCode::OK, rows.as_ref()),
+        Err(response) => response,
+    }
+}
+
+/// Answers 503 while nothing is folded.
+async fn healthz(State(page): State<Page>) -> Response {
+    let conditions: Vec<_> = page
+        .health
+        .conditions()
+        .iter()
+        .map(|one| serde_json::json!({ "about": one.about, "detail": one.detail }))
+        .collect();
+    let is_folding = !conditions.iter().any(|one| one["about"] == super::ABOUT);
+    let body = serde_json::json!({
+        "status": if conditions.is_empty() { "ok" } else { "degraded" },
+        "conditions": conditions,
+        "version": env!("CARGO_PKG_VERSION"),
+    });
+    let status = if is_folding {
+        StatusCode::OK
+    } else {
+        StatusCode::SERVICE_UNAVAILABLE
+    };
+    json(status, &body)
+}
+
+async fn metrics(State(page): State<Page>) -> Response {
+    let rows = match page.asked().await {
+        Ok(rows) => rows,
+        Err(response) => return response,
+    };
+    let mut out = String::new();
+    let mut family = |name: &str, help: &str, value: &dyn Fn(&SiteRow) -> Option<f64>| {
+        let _ = writeln!(out, "# TYPE {name} gauge\n# HELP {name} {help}");
+        for row in rows.iter() {
+            if let Some(value) = value(row) {
+                let _ = writeln!(out, "{name}{{site=\"{}\"}} {value}", row.site);
+            }
+        }
+    };
+    family("tirante_site_alarms", "Alarms that stand.", &|row| {
+        Some(row.alarms as f64)
+    });
+    family(
+        "tirante_site_parked_messages",
+        "Messages that are not folded.",
+        &|row| Some(row.parked as f64),
+    );
+    family(
+        "tirante_site_heard_age_seconds",
+        "Time since the latest message.",
+        &|row| row.silent_s,
+    );
+    family(
+        "tirante_site_commits",
+        "Last commit folded of the present store.",
+        &|row| Some(row.through as f64),
+    );
+    family("tirante_site_stores", "Stores of the site so far.", &|row| {
+        Some(row.stores as f64)
+    });
+    out += "# EOF\n";
+    let kind = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+    ([(header::CONTENT_TYPE, kind)], out).into_response()
+}
+
+async fn page(State(page): State<Page>) -> Response {
+    match page.asked().await {
+        Ok(rows) => Html(html(&rows)).into_response(),
+        Err(response) => response,
+    }
+}
+
+const HEAD: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">\
+<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"><meta http-equiv=\"refresh\" content=\"30\"><title>Tirante: sites</title>\
+<style>:root{color-scheme:light dark}body{font:16px/1.45 system-ui,sans-serif;margin:1.5rem auto;max-width:75rem;padding:0 1rem}\
+h1{font-size:1.4rem}table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.4rem .6rem;border-bottom:1px solid #8886;vertical-align:top}\
+td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}.w{font-weight:600;white-space:nowrap}.alarm{color:#b3261e}.parked,.silent,.not-monitoring{color:#96610a}\
+.monitoring{color:#22713c}small{display:block;opacity:.8}@media(prefers-color-scheme:dark){.alarm{color:#ff8a80}.parked,.silent,.not-monitoring{color:#ffc66d}.monitoring{color:#7ad99a}}\
+</style><h1>Sites</h1>";
+
+fn html(rows: &[SiteRow]) -> String {
+    let mut out = HEAD.to_owned();
+    let alarms = rows.iter().filter(|row| row.alarms > 0).count();
+    let _ = write!(
+        out,
+        "<p>{} sites, {alarms} with an alarm. Worst first. <a href=\"/api/v1/sites\">JSON</a> · <a href=\"/metrics\">metrics</a></p>\
+         <table><thead><tr><th>Site<th>Worst<th>Rods<th class=n>Alarms<th>Latest record (UTC)<th>Heard (UTC)<th>History</tr></thead><tbody>",
+        rows.len()
+    );
+    for row in rows {
+        let name = escaped(&row.site);
+        let name = match &row.link {
+            Some(link) => format!("<a href=\"{}\">{name}</a>", escaped(link)),
+            None => name,
+        };
+        let rods: Vec<String> = row
+            .rods
+            .iter()
+            .map(|(state, count)| format!("{count} {}", escaped(state)))
+            .collect();
+        let dash = |time: &Option<String>| time.clone().unwrap_or_else(|| "–".to_owned());
+        let detail = row
+            .detail
+            .as_ref()
+            .map(|detail| format!("<small>{}</small>", escaped(detail)));
+        let history = match row.stores {
+            0 => "–".to_owned(),
+            1 => "one store".to_owned(),
+            count => format!("{count} stores, the present one since {}", dash(&row.since)),
+        };
+        let _ = write!(
+            out,
+            "<tr><td>{name}<td><span class=\"w {code}\">{code}</span>{}<td>{}<td class=n>{}<td>{}<td>{}<td>{history}</tr>",
+            detail.unwrap_or_default(),
+            rods.join(", "),
+            row.alarms,
+            dash(&row.latest_record),
+            dash(&row.heard),
+            code = row.worst.code(),
+        );
+    }
+    out + "</tbody></table></html>\n"
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}

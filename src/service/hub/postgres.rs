@@ -1,0 +1,159 @@
+//! A PostgreSQL server as the centre's database.
+
+use super::sql::{Sql, SqlError};
+use crate::config::settings::hub::PostgresSettings;
+use bytes::BytesMut;
+use postgres::types::{IsNull, ToSql, Type, to_sql_checked};
+use postgres::{Client, Config, NoTls, Statement};
+use rusqlite::types::Value;
+use std::collections::HashMap;
+use std::error::Error;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio_postgres_rustls::MakeRustlsConnect;
+use tokio_rustls::rustls::pki_types::CertificateDer;
+use tokio_rustls::rustls::pki_types::pem::PemObject;
+use tokio_rustls::rustls::{ClientConfig, RootCertStore, crypto};
+
+/// Key of the lock that the folding process holds: `Tirante`.
+const LOCK: i64 = 0x0054_6972_616e_7465;
+/// Longest time for a connection.
+const CONNECT: Duration = Duration::from_secs(10);
+
+/// Longest time in which the server notices that the one before has ended.
+const RELEASE: Duration = Duration::from_secs(3);
+
+/// A PostgreSQL server as database.
+pub struct Postgres {
+    client: Client,
+    statements: HashMap<String, Statement>,
+}
+
+impl Postgres {
+    /// Connects for folding, which one process does at a time.
+    ///
+    /// # Errors
+    /// Another hub has it, or the server cannot be reached or refuses.
+    pub fn open(settings: &PostgresSettings) -> Result<Self, SqlError> {
+        let mut server = Self::beside(settings)?;
+        let until = Instant::now() + RELEASE;
+        loop {
+            let taken = server
+                .client
+                .query_one("SELECT pg_try_advisory_lock($1)", &[&LOCK])?;
+            if taken.get::<_, bool>(0) {
+                return Ok(server);
+            }
+            if Instant::now() >= until {
+                let what = "another hub folds into this database";
+                return Err(SqlError::Refused(what.to_owned()));
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Connects for reading beside the hub.
+    ///
+    /// # Errors
+    /// The server cannot be reached or refuses.
+    pub fn beside(settings: &PostgresSettings) -> Result<Self, SqlError> {
+        let refused = |what: &dyn std::fmt::Display| SqlError::Refused(format!("[postgres]: {what}"));
+        let mut config: Config = settings.connection.parse()?;
+        config.connect_timeout(CONNECT).application_name("tirante hub");
+        if let Some(file) = &settings.password_file {
+            let bytes = file.read_private().map_err(|error| refused(&error))?;
+            config.password(String::from_utf8_lossy(&bytes).trim_end_matches(['\r', '\n']));
+        }
+        let client = match &settings.ca {
+            None => config.connect(NoTls)?,
+            Some(ca) => {
+                let pem = ca.read().map_err(|error| refused(&error))?;
+                let mut roots = RootCertStore::empty();
+                for certificate in CertificateDer::pem_slice_iter(&pem) {
+                    let certificate = certificate.map_err(|error| refused(&error))?;
+                    roots.add(certificate).map_err(|error| refused(&error))?;
+                }
+                let tls = ClientConfig::builder_with_provider(Arc::new(crypto::ring::default_provider()))
+                    .with_safe_default_protocol_versions()
+                    .map_err(|error| refused(&error))?
+                    .with_root_certificates(roots)
+                    .with_no_client_auth();
+                config.ssl_mode(postgres::config::SslMode::Require);
+                config.connect(MakeRustlsConnect::new(tls))?
+            }
+        };
+        Ok(Self {
+            client,
+            statements: HashMap::new(),
+        })
+    }
+
+    fn prepared(&mut self, sql: &str) -> Result<Statement, SqlError> {
+        if let Some(known) = self.statements.get(sql) {
+            return Ok(known.clone());
+        }
+        let statement = self.client.prepare(sql)?;
+        self.statements.insert(sql.to_owned(), statement.clone());
+        Ok(statement)
+    }
+}
+
+/// A value as the column or comparison wants it.
+#[derive(Debug)]
+struct Bound<'v>(&'v Value);
+
+impl ToSql for Bound<'_> {
+    fn to_sql(&self, kind: &Type, out: &mut BytesMut) -> Result<IsNull, Box<dyn Error + Sync + Send>> {
+        match self.0 {
+            Value::Null => Ok(IsNull::Yes),
+            Value::Integer(number) => number.to_sql_checked(kind, out),
+            Value::Real(number) => number.to_sql_checked(kind, out),
+            Value::Text(text) => text.to_sql_checked(kind, out),
+            Value::Blob(bytes) => bytes.to_sql_checked(kind, out),
+        }
+    }
+
+    fn accepts(_: &Type) -> bool {
+        true
+    }
+
+    to_sql_checked!();
+}
+
+impl Sql for Postgres {
+    fn is_postgres(&self) -> bool {
+        true
+    }
+
+    fn batch(&mut self, sql: &str) -> Result<(), SqlError> {
+        Ok(self.client.batch_execute(sql)?)
+    }
+
+    fn execute(&mut self, sql: &str, values: &[Value]) -> Result<u64, SqlError> {
+        let statement = self.prepared(sql)?;
+        let values: Vec<Bound<'_>> = values.iter().map(Bound).collect();
+        let values: Vec<&(dyn ToSql + Sync)> = values.iter().map(|value| value as _).collect();
+        Ok(self.client.execute(&statement, &values)?)
+    }
+
+    fn query(&mut self, sql: &str, values: &[Value]) -> Result<Vec<Vec<Value>>, SqlError> {
+        let statement = self.prepared(sql)?;
+        let values: Vec<Bound<'_>> = values.iter().map(Bound).collect();
+        let values: Vec<&(dyn ToSql + Sync)> = values.iter().map(|value| value as _).collect();
+        let rows = self.client.query(&statement, &values)?;
+        let value = |row: &postgres::Row, place: usize| -> Result<Value, SqlError> {
+            let kind = row.columns()[place].type_();
+            Ok(match *kind {
+                Type::INT8 => row.try_get::<_, Option<i64>>(place)?.map(Value::Integer),
+                Type::FLOAT8 => row.try_get::<_, Option<f64>>(place)?.map(Value::Real),
+                Type::TEXT => row.try_get::<_, Option<String>>(place)?.map(Value::Text),
+                Type::BYTEA => row.try_get::<_, Option<Vec<u8>>>(place)?.map(Value::Blob),
+                _ => return Err(SqlError::Refused(format!("a column of type {kind}"))),
+            }
+            .unwrap_or(Value::Null))
+        };
+        rows.iter()
+            .map(|row| (0..row.len()).map(|place| value(row, place)).collect())
+            .collect()
+    }
+}

@@ -1,0 +1,173 @@
+//! List of all sites, worst first.
+
+use super::centre::{Centre, CentreError};
+use super::sql::{integer, text};
+use crate::config::settings::hub::SiteSettings;
+use rusqlite::types::Value;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// What is worst about a site; later is worse.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Worst {
+    /// All rods are monitored.
+    Monitoring,
+    /// A rod still learns its baseline.
+    Learning,
+    /// Nothing has come of the site yet.
+    Unheard,
+    /// A rod is not monitored.
+    NotMonitoring,
+    /// Nothing has come for longer than the site's limit.
+    Silent,
+    /// Messages are parked: what the centre shows is not all there is.
+    Parked,
+    /// An alarm stands.
+    Alarm,
+}
+
+impl Worst {
+    /// The word in JSON and tables.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::Monitoring => "monitoring",
+            Self::Learning => "learning",
+            Self::Unheard => "unheard",
+            Self::NotMonitoring => "not-monitoring",
+            Self::Silent => "silent",
+            Self::Parked => "parked",
+            Self::Alarm => "alarm",
+        }
+    }
+}
+
+/// One site of the list.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SiteRow {
+    /// Name of the site.
+    pub site: String,
+    /// What is worst about it.
+    pub worst: Worst,
+    /// Number of rods by their state.
+    pub rods: BTreeMap<String, i64>,
+    /// Number of alarms that stand.
+    pub alarms: i64,
+    /// Begin of the latest record, UTC.
+    pub latest_record: Option<String>,
+    /// Time of the latest message, UTC.
+    pub heard: Option<String>,
+    /// Time since the latest message \[s\].
+    pub silent_s: Option<f64>,
+    /// Last commit folded.
+    pub through: i64,
+    /// Id of the store that sends.
+    pub epoch: Option<String>,
+    /// Number of stores so far: more than one is a history in segments.
+    pub stores: usize,
+    /// Begin of the present store's history, UTC.
+    pub since: Option<String>,
+    /// Fault of its messages.
+    pub fault: Option<String>,
+    /// The fault in one sentence.
+    pub detail: Option<String>,
+    /// Number of parked messages.
+    pub parked: i64,
+    /// Address of its own page.
+    pub link: Option<String>,
+}
+
+/// Time as text, to the second.
+fn moment(ns: i64) -> Option<String> {
+    let time = jiff::Timestamp::from_nanosecond(i128::from(ns)).ok()?;
+    let time = time.round(jiff::Unit::Second).ok()?;
+    (ns > 0).then(|| time.to_string())
+}
+
+/// All sites on the list, and those that are not but send, worst first.
+///
+/// # Errors
+/// The database refuses.
+pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result<Vec<SiteRow>, CentreError> {
+    let known = centre.sites()?;
+    let current = "\"store\" = (SELECT max(\"store\") FROM \"store\" AS s WHERE s.\"site\" = t.\"site\")";
+    let mut rods = BTreeMap::<String, BTreeMap<String, i64>>::new();
+    let counted = centre.sql().query(
+        &format!("SELECT \"site\", \"state\", count(*) FROM \"rod\" AS t WHERE {current} GROUP BY \"site\", \"state\""),
+        &[],
+    )?;
+    for row in counted {
+        let of_site = rods.entry(text(row.first())).or_default();
+        of_site.insert(text(row.get(1)), integer(row.get(2)));
+    }
+    let mut count = |sql: &str| -> Result<BTreeMap<String, Value>, CentreError> {
+        let rows = centre.sql().query(sql, &[])?;
+        Ok(rows
+            .into_iter()
+            .filter_map(|row| Some((text(row.first()), row.into_iter().nth(1)?)))
+            .collect())
+    };
+    let alarms = count(&format!(
+        "SELECT \"site\", count(*) FROM \"alarm\" AS t WHERE \"stands\" = 1 AND {current} GROUP BY \"site\""
+    ))?;
+    let parked = count("SELECT \"site\", count(*) FROM \"parked\" GROUP BY \"site\"")?;
+    let mut names: Vec<String> = listed.iter().map(|site| site.name.clone()).collect();
+    names.extend(
+        known
+            .keys()
+            .filter(|name| !listed.iter().any(|site| site.name == **name))
+            .cloned(),
+    );
+    let mut rows = Vec::new();
+    for name in names {
+        let settings = listed.iter().find(|site| site.name == name);
+        let state = known.get(&name).cloned().unwrap_or_default();
+        let history = state.histories.last();
+        let rods = rods.remove(&name).unwrap_or_default();
+        let silent_s = (state.heard_ns > 0).then(|| (now_ns - state.heard_ns) as f64 * 1e-9);
+        let alarms = integer(alarms.get(&name));
+        let parked = integer(parked.get(&name));
+        let is_silent = settings.is_some_and(|site| silent_s.is_some_and(|silent| silent > site.silent_s));
+        let has = |state: &str| rods.contains_key(state);
+        let worst = if alarms > 0 || has("alarm") {
+            Worst::Alarm
+        } else if parked > 0 || state.fault.is_some() {
+            Worst::Parked
+        } else if is_silent {
+            Worst::Silent
+        } else if has("not-monitoring") {
+            Worst::NotMonitoring
+        } else if history.is_none() {
+            Worst::Unheard
+        } else if has("learning") {
+            Worst::Learning
+        } else {
+            Worst::Monitoring
+        };
+        let (fault, detail) = state.fault.clone().unzip();
+        rows.push(SiteRow {
+            worst,
+            rods,
+            alarms,
+            latest_record: history.and_then(|history| moment(history.latest_ns)),
+            heard: moment(state.heard_ns),
+            silent_s,
+            through: history.map_or(0, |history| history.through),
+            epoch: history.map(|history| history.epoch.clone()),
+            stores: state.histories.len(),
+            since: history.and_then(|history| moment(history.began_ns)),
+            fault,
+            detail,
+            parked,
+            link: settings.and_then(|site| site.link.clone()),
+            site: name,
+        });
+    }
+    rows.sort_by(|one, other| {
+        other
+            .worst
+            .cmp(&one.worst)
+            .then_with(|| one.site.cmp(&other.site))
+    });
+    Ok(rows)
+}

@@ -1,0 +1,633 @@
+//! Some sites, a NATS server and a hub with its database, each killed and started again.
+
+use super::servers::{DEADLINE, Nats, Postgres};
+use crate::site::{Part, Site, campaign, copy};
+use std::fs::{self, File};
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::OnceLock;
+use std::thread;
+use std::time::{Duration, Instant};
+use tirante::config::HubConfig;
+use tirante::service::hub;
+use tirante::site::store::Reader;
+
+/// Storage of the hub.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Storage {
+    Sqlite,
+    Postgres,
+}
+
+/// A site's daemon with its folder.
+pub struct Edge {
+    pub site: Site,
+    name: String,
+    child: Option<Child>,
+}
+
+/// All processes.
+pub struct Fleet {
+    pub edges: Vec<Edge>,
+    hub: Option<Child>,
+    postgres: Option<Postgres>,
+    nats: Nats,
+    folder: tempfile::TempDir,
+}
+
+/// The campaign, simulated once.
+fn template() -> &'static Site {
+    static TEMPLATE: OnceLock<Site> = OnceLock::new();
+    TEMPLATE.get_or_init(campaign)
+}
+
+fn process(command: &mut Command, log: &Path) -> Child {
+    let log = File::options().create(true).append(true).open(log).unwrap();
+    command
+        .env("TIRANTE_LOG", "info")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(log)
+        .spawn()
+        .unwrap()
+}
+
+fn end(child: Option<Child>) {
+    if let Some(mut child) = child {
+        let _ = child.kill();
+        let _ = child.wait();
+    }
+}
+
+fn stop(child: Option<Child>) {
+    let mut child = child.unwrap();
+    let pid = child.id().to_string();
+    assert!(
+        Command::new("kill")
+            .args(["-TERM", &pid])
+            .status()
+            .unwrap()
+            .success()
+    );
+    let status = child.wait().unwrap();
+    assert_eq!(status.code(), Some(0));
+}
+
+pub fn text_of(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Draws a key into a file of the program's own; returns its public part.
+fn key(folder: &Path, name: &str) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_tirante"))
+        .args(["hub", "key"])
+        .arg(folder.join(format!("{name}.nk")))
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", text_of(&output.stderr));
+    text_of(&output.stdout).trim().to_owned()
+}
+
+/// The users of the shipped rights, with keys of their own.
+fn users(folder: &Path, names: &[&str]) -> String {
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/fleet/rights.conf");
+    let shipped = fs::read_to_string(shipped).unwrap();
+    let (hub, site) = shipped.split_once("# site:").unwrap();
+    let brace = |text: &str| text[text.find("{ nkey").unwrap()..].trim().to_owned();
+    let (hub, site) = (brace(hub), brace(site));
+    let mut users = vec![hub.replace("KEY", &key(folder, "HUB"))];
+    for name in names {
+        users.push(site.replace("SITE", name).replace("KEY", &key(folder, name)));
+    }
+    format!("authorization {{ users: [\n{}\n] }}\n", users.join("\n"))
+}
+
+/// Certificates of an authority and of a server called localhost.
+fn certificates(folder: &Path) -> String {
+    let authority_key = rcgen::KeyPair::generate().unwrap();
+    let mut authority = rcgen::CertificateParams::new(Vec::<String>::new()).unwrap();
+    authority.is_ca = rcgen::IsCa::Ca(rcgen::BasicConstraints::Unconstrained);
+    let authority_certificate = authority.self_signed(&authority_key).unwrap();
+    let issuer = rcgen::Issuer::new(authority, authority_key);
+    let server_key = rcgen::KeyPair::generate().unwrap();
+    let server = rcgen::CertificateParams::new(vec!["localhost".to_owned()]).unwrap();
+    let server = server.signed_by(&server_key, &issuer).unwrap();
+    fs::write(folder.join("ca.pem"), authority_certificate.pem()).unwrap();
+    fs::write(folder.join("server.pem"), server.pem()).unwrap();
+    fs::write(folder.join("server.key"), server_key.serialize_pem()).unwrap();
+    let of = |name: &str| folder.join(name).display().to_string();
+    format!(
+        "tls {{ cert_file: \"{}\", key_file: \"{}\" }}\n",
+        of("server.pem"),
+        of("server.key")
+    )
+}
+
+impl Fleet {
+    /// Servers and folders for some sites; `None` if a server is not installed.
+    pub fn of(names: &[&str], storage: Storage) -> Option<Self> {
+        let folder = tempfile::tempdir().unwrap();
+        let nats = Nats::start(folder.path(), "")?;
+        Self::in_folder(names, nats, storage, folder, false)
+    }
+
+    /// The same with TLS and a login of each site's own.
+    pub fn secure(names: &[&str], storage: Storage) -> Option<Self> {
+        let folder = tempfile::tempdir().unwrap();
+        let more = users(folder.path(), names) + &certificates(folder.path());
+        let nats = Nats::start(folder.path(), &more)?;
+        Self::in_folder(names, nats, storage, folder, true)
+    }
+
+    /// Folders for some sites of a server that runs elsewhere.
+    pub fn at(names: &[&str], nats: Nats, storage: Storage) -> Option<Self> {
+        Self::in_folder(names, nats, storage, tempfile::tempdir().unwrap(), false)
+    }
+
+    fn in_folder(
+        names: &[&str],
+        nats: Nats,
+        storage: Storage,
+        folder: tempfile::TempDir,
+        is_secure: bool,
+    ) -> Option<Self> {
+        let to = |user: &str| {
+            if is_secure {
+                let of = |name: &str| folder.path().join(name).display().to_string();
+                format!(
+                    "to = \"nats+tls://localhost:{}\"\ncredentials = \"{}\"\nca = \"{}\"\n",
+                    nats.port,
+                    of(&format!("{user}.nk")),
+                    of("ca.pem")
+                )
+            } else {
+                format!("to = \"nats://127.0.0.1:{}\"\n", nats.port)
+            }
+        };
+        let postgres = match storage {
+            Storage::Postgres => Some(Postgres::start(folder.path())?),
+            Storage::Sqlite => None,
+        };
+        let place = match &postgres {
+            None => format!(
+                "[sqlite]\npath = \"{}\"\n",
+                folder.path().join("centre.db").display()
+            ),
+            Some(server) => format!(
+                "[postgres]\nconnection = \"host=127.0.0.1 port={} user=tirante dbname=tirante\"\n",
+                server.port
+            ),
+        };
+        let mut text = format!(
+            "[nats]\n{}monitor = \"http://127.0.0.1:{}\"\n{place}[http]\nlisten = \"127.0.0.1:0\"\n",
+            to("HUB"),
+            nats.monitor
+        );
+        let edges = names.iter().map(|name| edge(name, &to(name))).collect();
+        for name in names {
+            text += &format!("[[site]]\nname = \"{name}\"\n");
+        }
+        fs::write(folder.path().join("hub.toml"), text).unwrap();
+        Some(Self {
+            edges,
+            hub: None,
+            postgres,
+            nats,
+            folder,
+        })
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    pub fn nats_port(&self) -> u16 {
+        self.nats.port
+    }
+
+    /// True if the database is a server, which can be killed.
+    pub fn has_server(&self) -> bool {
+        self.postgres.is_some()
+    }
+
+    /// Number of rows of a query of the PostgreSQL server.
+    pub fn rows(&self, sql: &str) -> usize {
+        let port = self.postgres.as_ref().unwrap().port;
+        let connection = format!("host=127.0.0.1 port={port} user=tirante dbname=tirante");
+        let mut client = postgres::Client::connect(&connection, postgres::NoTls).unwrap();
+        client.query(sql, &[]).unwrap().len()
+    }
+
+    pub fn signal_nats(&self, name: &str) {
+        self.nats.signal(name);
+    }
+
+    /// Seed of a site's login.
+    pub fn seed(&self, name: &str) -> String {
+        let seed = fs::read_to_string(self.path(&format!("{name}.nk"))).unwrap();
+        seed.trim().to_owned()
+    }
+
+    /// Takes a site's login from the server's list.
+    pub fn revoke(&self, name: &str) {
+        let key = nkeys::KeyPair::from_seed(&self.seed(name)).unwrap().public_key();
+        let other = nkeys::KeyPair::new_user().public_key();
+        self.nats.reconfigure(|text| {
+            assert!(text.contains(&key));
+            text.replace(&key, &other)
+        });
+    }
+
+    /// Two more records of a site.
+    pub fn more_records(&self, place: usize) {
+        self.edges[place].site.simulate("more", &Part::new(60, 2));
+    }
+
+    /// Processor time of a site's process so far \[s\], and its largest memory \[MB\].
+    pub fn usage(&self, place: usize) -> (f64, f64) {
+        let pid = self.edges[place].child.as_ref().unwrap().id();
+        let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
+        let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
+        let ticks = [11, 12].map(|place| fields[place].parse::<f64>().unwrap());
+        let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+        let peak = status
+            .lines()
+            .find_map(|line| line.strip_prefix("VmHWM:"))
+            .unwrap();
+        let peak_kb: f64 = peak.trim().trim_end_matches(" kB").parse().unwrap();
+        // Linux counts in hundredths of a second.
+        (ticks.iter().sum::<f64>() / 100.0, peak_kb / 1e3)
+    }
+
+    /// Puts further sites on the hub's list.
+    pub fn list_more(&self, names: &[String]) {
+        let mut text = fs::read_to_string(self.config()).unwrap();
+        for name in names {
+            text += &format!("[[site]]\nname = \"{name}\"\n");
+        }
+        fs::write(self.config(), text).unwrap();
+    }
+
+    /// Number of records at the centre, and of rows in all tables of results.
+    pub fn counted(&self) -> (usize, usize) {
+        let config = HubConfig::load(&self.config()).unwrap();
+        let mut centre = hub::beside(&config.storage).unwrap();
+        let mut counts = (0, 0);
+        for copied in centre.copied().to_vec() {
+            let table = copied.shape.table;
+            let found = centre
+                .sql()
+                .query(&format!("SELECT count(*) FROM \"{table}\""), &[])
+                .unwrap();
+            let count = usize::try_from(hub::sql::integer(found[0].first())).unwrap();
+            counts.1 += count;
+            if table == "record" {
+                counts.0 = count;
+            }
+        }
+        counts
+    }
+
+    /// Simulates a day's records, and returns for each commit the time from the site's store to the centre \[s\].
+    pub fn delay_of_a_day(&mut self, place: usize, day: i64) -> Vec<f64> {
+        let config = HubConfig::load(&self.config()).unwrap();
+        let mut centre = hub::beside(&config.storage).unwrap();
+        let edge = &self.edges[place];
+        let reader = Reader::open(&edge.site.path("site.db")).unwrap();
+        let before = reader.latest_change().unwrap();
+        edge.site.simulate(&format!("day-{day}"), &Part::new(day, 1));
+        let (mut committed, mut delays) = (Vec::new(), Vec::new());
+        let until = Instant::now() + DEADLINE;
+        // Two rods: a record of each, and what may follow them within a second.
+        while delays.len() < committed.len() || committed.len() < 2 {
+            assert!(Instant::now() < until, "no commit\n{}", self.log());
+            let now = Instant::now();
+            let own = usize::try_from(reader.latest_change().unwrap() - before).unwrap();
+            committed.resize(own, now);
+            let through = centre.sites().unwrap()[&edge.name]
+                .histories
+                .last()
+                .unwrap()
+                .through;
+            let arrived = usize::try_from(through - before).unwrap();
+            let now = Instant::now();
+            for commit in committed.iter().take(arrived).skip(delays.len()) {
+                delays.push(now.duration_since(*commit).as_secs_f64());
+            }
+            thread::sleep(Duration::from_millis(2));
+        }
+        delays
+    }
+
+    /// Present length of a site's log.
+    pub fn logged(&self, place: usize) -> usize {
+        fs::read(self.edges[place].site.path("daemon.log")).map_or(0, |log| log.len())
+    }
+
+    /// Waits for a word in a site's log after a place.
+    pub fn wait_for_log(&mut self, place: usize, after: usize, word: &str) {
+        let log = self.edges[place].site.path("daemon.log");
+        let is_there = |log: Vec<u8>| log.get(after..).is_some_and(|log| text_of(log).contains(word));
+        self.wait(word, |_| fs::read(&log).is_ok_and(is_there));
+    }
+
+    /// Waits until a site is marked with a fault.
+    pub fn wait_until_marked(&mut self, name: &str, fault: &str) {
+        let config = HubConfig::load(&self.config()).unwrap();
+        self.wait(fault, |_| {
+            let sites = hub::beside(&config.storage).and_then(|mut centre| centre.sites());
+            let site = sites.ok().and_then(|mut sites| sites.remove(name));
+            site.and_then(|site| site.fault)
+                .is_some_and(|(found, _)| found == fault)
+        });
+    }
+
+    pub fn start(&mut self) {
+        self.start_hub();
+        for place in 0..self.edges.len() {
+            self.start_edge(place);
+        }
+    }
+
+    fn config(&self) -> PathBuf {
+        self.folder.path().join("hub.toml")
+    }
+
+    pub fn start_hub(&mut self) {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_tirante"));
+        command.arg("hub").arg("--config").arg(self.config());
+        self.hub = Some(process(&mut command, &self.folder.path().join("hub.log")));
+    }
+
+    pub fn stop_hub(&mut self) {
+        self.keep_hub();
+        stop(self.hub.take());
+    }
+
+    pub fn kill_hub(&mut self) {
+        end(self.hub.take());
+        self.start_hub();
+    }
+
+    /// Starts a hub that ended again, as its unit does: at its start it may find a server dead.
+    fn keep_hub(&mut self) {
+        let ended = self
+            .hub
+            .as_mut()
+            .is_none_or(|hub| hub.try_wait().unwrap().is_some());
+        if ended {
+            self.start_hub();
+        }
+    }
+
+    pub fn start_edge(&mut self, place: usize) {
+        let edge = &mut self.edges[place];
+        let log = edge.site.path("daemon.log");
+        edge.child = Some(process(
+            &mut edge.site.command(&["run", "--config", "site.toml"]),
+            &log,
+        ));
+    }
+
+    pub fn stop_edge(&mut self, place: usize) {
+        stop(self.edges[place].child.take());
+    }
+
+    pub fn kill_edge(&mut self, place: usize) {
+        end(self.edges[place].child.take());
+        self.start_edge(place);
+    }
+
+    pub fn kill_nats(&mut self) {
+        self.nats.kill();
+        self.nats.again();
+    }
+
+    pub fn kill_postgres(&mut self) {
+        if let Some(postgres) = &mut self.postgres {
+            postgres.kill();
+            postgres.again();
+        }
+    }
+
+    pub fn remove_store(&self, place: usize) {
+        for suffix in ["", "-wal", "-shm", ".lock", ".working", ".suspects"] {
+            let _ = fs::remove_file(self.edges[place].site.path(&format!("site.db{suffix}")));
+        }
+    }
+
+    /// Takes the last four of a site's seven files away.
+    pub fn hide_later_weeks(&self, place: usize) {
+        fs::create_dir(self.edges[place].site.path("later")).unwrap();
+        self.move_later_weeks(place, "archive", "later");
+    }
+
+    /// Puts them back.
+    pub fn show_later_weeks(&self, place: usize) {
+        self.move_later_weeks(place, "later", "archive");
+    }
+
+    fn move_later_weeks(&self, place: usize, from: &str, to: &str) {
+        let site = &self.edges[place].site;
+        for index in 3..7 {
+            let name = format!("week-{index}.mcap");
+            fs::rename(site.path(from).join(&name), site.path(to).join(&name)).unwrap();
+        }
+    }
+
+    /// A copy of the server's files, taken while it stands still.
+    pub fn copy_stream(&mut self) -> PathBuf {
+        let copy = self.folder.path().join("copy");
+        self.nats.kill();
+        files(&self.folder.path().join("jetstream"), &copy);
+        self.nats.again();
+        copy
+    }
+
+    /// Puts the copy in the place of the server's files.
+    pub fn set_stream_back(&mut self, copy: &Path) {
+        let place = self.folder.path().join("jetstream");
+        self.nats.kill();
+        fs::remove_dir_all(&place).unwrap();
+        files(copy, &place);
+        self.nats.again();
+    }
+
+    pub fn hub_command(&self, words: &[&str]) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_tirante"))
+            .arg("hub")
+            .args(words)
+            .arg("--config")
+            .arg(self.config())
+            .stdin(Stdio::null())
+            .output()
+            .unwrap()
+    }
+
+    pub fn compare(&self, place: usize, store: &str, more: &[&str]) -> Output {
+        let edge = &self.edges[place];
+        let store = edge.site.path(store);
+        let words = ["compare", edge.name.as_str(), "--store", store.to_str().unwrap()];
+        self.hub_command(&[&words[..], more].concat())
+    }
+
+    /// The centre's rows of a site are those of its replay.
+    pub fn assert_equal(&self, place: usize, more: &[&str]) {
+        let compared = self.compare(place, "replayed.db", more);
+        assert_eq!(
+            compared.status.code(),
+            Some(0),
+            "{}{}",
+            String::from_utf8_lossy(&compared.stdout),
+            String::from_utf8_lossy(&compared.stderr)
+        );
+    }
+
+    fn log(&self) -> String {
+        let mut logs = fs::read_to_string(self.folder.path().join("hub.log")).unwrap_or_default();
+        for edge in &self.edges {
+            logs += &fs::read_to_string(edge.site.path("daemon.log")).unwrap_or_default();
+        }
+        let lines: Vec<&str> = logs.lines().rev().take(60).collect();
+        lines.into_iter().rev().collect::<Vec<_>>().join("\n")
+    }
+
+    fn wait(&mut self, what: &str, mut is_so: impl FnMut(&mut Self) -> bool) {
+        let until = Instant::now() + DEADLINE;
+        while !is_so(self) {
+            assert!(Instant::now() < until, "not so: {what}\n{}", self.log());
+            self.keep_hub();
+            thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Waits until a site has read some files.
+    pub fn wait_until_read(&mut self, place: usize, count: usize) {
+        let store = self.edges[place].site.path("site.db");
+        self.wait("all files are read", |_| {
+            Reader::open(&store)
+                .and_then(|reader| reader.files())
+                .is_ok_and(|files| files.len() == count)
+        });
+    }
+
+    /// Waits until the centre has every commit of every site.
+    pub fn wait_until_sent(&mut self) {
+        for place in 0..self.edges.len() {
+            self.wait_until_sent_of(place);
+        }
+    }
+
+    /// Waits until the centre has every commit of a site.
+    pub fn wait_until_sent_of(&mut self, place: usize) {
+        let config = HubConfig::load(&self.config()).unwrap();
+        self.wait("the centre has all commits", |fleet| {
+            let Ok(sites) = hub::beside(&config.storage).and_then(|mut centre| centre.sites()) else {
+                return false;
+            };
+            let edge = &fleet.edges[place];
+            let Ok(reader) = Reader::open(&edge.site.path("site.db")) else {
+                return false;
+            };
+            let own = (reader.epoch().unwrap(), reader.latest_change().unwrap());
+            let last = sites.get(&edge.name).and_then(|state| state.histories.last());
+            last.is_some_and(|last| own == (Some(last.epoch.clone()), last.through))
+        });
+    }
+
+    /// Waits until the centre has everything, and compares it with the replays.
+    pub fn wait_until_equal(&mut self) {
+        for place in 0..self.edges.len() {
+            self.wait_until_read(place, 7);
+        }
+        self.wait_until_sent();
+        for place in 0..self.edges.len() {
+            self.assert_equal(place, &[]);
+        }
+    }
+
+    /// Rebuilds the centre until it equals a site's replay; the hub is stopped.
+    pub fn wait_until_rebuilt(&mut self, place: usize) {
+        let until = Instant::now() + DEADLINE;
+        loop {
+            let rebuilt = self.hub_command(&["rebuild"]);
+            assert!(
+                rebuilt.status.success(),
+                "{}",
+                String::from_utf8_lossy(&rebuilt.stderr)
+            );
+            if self.compare(place, "replayed.db", &[]).status.success() {
+                return;
+            }
+            assert!(
+                Instant::now() < until,
+                "the stream lacks something\n{}",
+                self.log()
+            );
+            thread::sleep(Duration::from_millis(200));
+        }
+    }
+
+    /// Answer of the hub's page.
+    pub fn get(&self, path: &str) -> String {
+        let log = fs::read_to_string(self.folder.path().join("hub.log")).unwrap();
+        let address = log.rsplit("all sites at http://").next().unwrap();
+        let address = address.split_whitespace().next().unwrap();
+        let mut stream = TcpStream::connect(address).unwrap();
+        stream.set_read_timeout(Some(DEADLINE)).unwrap();
+        write!(
+            stream,
+            "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n"
+        )
+        .unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        answer
+    }
+}
+
+impl Drop for Fleet {
+    fn drop(&mut self) {
+        for edge in &mut self.edges {
+            end(edge.child.take());
+        }
+        end(self.hub.take());
+    }
+}
+
+/// A copy of the campaign with a daemon's configuration.
+fn edge(name: &str, to: &str) -> Edge {
+    let from = template();
+    let config = fs::read_to_string(from.path("site.toml")).unwrap();
+    let site = Site::new(
+        &(config
+            + &format!(
+                "\n[store]\npath = \"site.db\"\n[ingest]\nfolder = \"archive\"\n[http]\nlisten = \"off\"\n\
+                 [forward]\n{to}site = \"{name}\"\n"
+            )),
+    );
+    files(&from.path("archive"), &site.path("archive"));
+    // The configuration is part of the results, and so is the place of the store: it is replayed with this one.
+    let (output, code) = site.replay(&["archive"], "replayed.db");
+    assert_eq!(code, 3, "{}", String::from_utf8_lossy(&output.stderr));
+    Edge {
+        site,
+        name: name.to_owned(),
+        child: None,
+    }
+}
+
+/// Copies a folder.
+fn files(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap().flatten() {
+        let place = to.join(entry.file_name());
+        if entry.path().is_dir() {
+            files(&entry.path(), &place);
+        } else {
+            copy(&entry.path(), &place);
+        }
+    }
+}

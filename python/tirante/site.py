@@ -220,13 +220,18 @@ class Tracker:
         temperature_c: float | None = None,
     ) -> Outcome | None:
         """Takes frequencies identified elsewhere, as `tirante track` takes a row of a table."""
-        rods = self._site.rods
-        if rod is None and len(rods) != 1:
-            raise KeyError(f"rod: one of {', '.join(rods)} is wanted")
         modes = given_modes(frequencies_hz, sd_hz)
-        taken = self._core.take_frequencies(rod or rods[0], nanoseconds(time), modes, temperature_c=temperature_c)
+        taken = self._core.take_frequencies(self._one(rod), nanoseconds(time), modes, temperature_c=temperature_c)
         return None if taken is None else Outcome(taken)
 
     def state(self, rod: str | None = None) -> str:
-        """State of a rod: `learning`, `monitoring`, `alarm` or `not-monitoring`."""
-        return self._core.state(rod or self._site.rods[0])
+        """State of a rod: `learning`, `monitoring`, `alarm` or `not-monitoring`; of a site with several rods, which one is wanted."""
+        return self._core.state(self._one(rod))
+
+    def _one(self, rod: str | None) -> str:
+        rods = self._site.rods
+        if rod is not None:
+            return rod
+        if len(rods) != 1:
+            raise KeyError(f"rod: one of {', '.join(rods)} is wanted")
+        return rods[0]

@@ -194,7 +194,7 @@ impl Rod {
         };
         Ok(AnalysisSettings {
             rod: self.id,
-            prior: prior.with_fixities_in_place(),
+            prior,
             discrepancy: vec![self.discrepancy; self.modes.count],
             welch: WelchSettings::default(),
             peaks: PeakSettings::default(),

@@ -99,6 +99,7 @@ pub fn identify(
                 let own = &rod.sensors[*sensor];
                 Sensed {
                     at: own.at,
+                    at_sd_m: own.at_sd_m,
                     unit: own.channel.unit,
                     gain_sd: own.gain_sd,
                     record,

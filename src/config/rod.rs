@@ -138,7 +138,7 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
             (channel, sensor::of_channel(table))
         },
     );
-    let (displacement, (at, gain_sd)) = displacement;
+    let (displacement, (at, at_sd_m, gain_sd)) = displacement;
     let further = sensor::read_all(table);
     if !further.is_empty() && at.is_none() {
         table.fault_of(
@@ -156,7 +156,7 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
         .zip(length)
         .and_then(|((section, mut priors), length)| {
             priors.push(length);
-            Some(RodPrior::new(Parameterisation::new(section), priors)?.with_fixities_in_place())
+            RodPrior::new(Parameterisation::new(section), priors)
         });
     let tests = test::read_all(table, prior.as_ref());
 
@@ -171,6 +171,7 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
             let first = sensor::Sensor {
                 channel: displacement.clone(),
                 at,
+                at_sd_m,
                 gain_sd,
             };
             std::iter::once(Some(first))

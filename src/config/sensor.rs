@@ -7,6 +7,8 @@ use crate::analysis::signal::record::{Channel, RodChannels, RodId, Unit};
 
 /// Default of the relative standard error of a sensor's calibration.
 const GAIN_ERROR: f64 = 0.01;
+/// Default of the standard error of a sensor's place \[m\]: a tape measure's.
+const PLACE_ERROR_M: f64 = 0.01;
 
 /// A sensor of a rod.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,6 +17,8 @@ pub struct Sensor {
     pub channel: Channel,
     /// Its place, as a share of the length.
     pub at: f64,
+    /// Standard error of its place \[m\].
+    pub at_sd_m: f64,
     /// Relative standard error of its calibration \[-\].
     pub gain_sd: f64,
 }
@@ -31,8 +35,8 @@ impl Sensor {
     }
 }
 
-/// Place and calibration of the sensor of `[rod.channel]`; the place is wanted where there are others.
-pub(super) fn of_channel(table: &mut Table<'_>) -> (Option<f64>, f64) {
+/// Place of the sensor of `[rod.channel]`, wanted where there are others, with its standard error \[m\], and error of the calibration.
+pub(super) fn of_channel(table: &mut Table<'_>) -> (Option<f64>, f64, f64) {
     let at = table.maybe_number(
         key(
             "at",
@@ -41,7 +45,7 @@ pub(super) fn of_channel(table: &mut Table<'_>) -> (Option<f64>, f64) {
         Range::within(0.0, 1.0),
         Absent::Nothing("not known"),
     );
-    (at, gain_error(table))
+    (at, place_error_m(table), gain_error(table))
 }
 
 /// Reads the further sensors of a rod; `None` in the place of one with a fault.
@@ -59,7 +63,7 @@ pub(super) fn read_all(table: &mut Table<'_>) -> Vec<Option<Sensor>> {
                 Range::within(0.0, 1.0),
                 Absent::Required,
             );
-            let gain_sd = gain_error(table);
+            let (at_sd_m, gain_sd) = (place_error_m(table), gain_error(table));
             let (channel, at) = (channel?, at?);
             if !channel.unit.is_strain() && (at == 0.0 || at == 1.0) {
                 table.fault_of(
@@ -68,18 +72,28 @@ pub(super) fn read_all(table: &mut Table<'_>) -> Vec<Option<Sensor>> {
                 );
                 return None;
             }
-            Some(Sensor { channel, at, gain_sd })
+            Some(Sensor {
+                channel,
+                at,
+                at_sd_m,
+                gain_sd,
+            })
         },
     )
 }
 
 fn gain_error(table: &mut Table<'_>) -> f64 {
     table.number(
-        key(
-            "gain_error",
-            "relative standard error of its calibration, with that of its place [-]",
-        ),
+        key("gain_error", "relative standard error of its calibration [-]"),
         Range::within(1e-4, 0.5),
         GAIN_ERROR,
+    )
+}
+
+fn place_error_m(table: &mut Table<'_>) -> f64 {
+    table.number(
+        key("place_error_m", "standard error of its place [m]"),
+        Range::within(0.0, 1.0),
+        PLACE_ERROR_M,
     )
 }

@@ -224,6 +224,7 @@ fn frequencies_of_several_sensors_are_better_than_of_the_best() {
         let records = [record(&made.displacement), record(&made.further[0])];
         let sensed = [0, 1].map(|i| Sensed {
             at: rod.sensors[i].at,
+            at_sd_m: rod.sensors[i].at_sd_m,
             unit: Unit::Metre,
             gain_sd: 0.01,
             record: &records[i],

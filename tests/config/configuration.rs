@@ -167,7 +167,7 @@ colour = 1
         "19:9: rod[0].channel.topic: is empty",
         "20:8: rod[0].channel.unit: \"degC\" is not known, allowed: \"m\", \"mm\", \"um\", \"nm\", \"m/s\", \"mm/s\", \
          \"um/s\", \"m/s2\" or \"g\"",
-        "21:1: rod[0].channel.colour: unknown key, known here: topic, field, unit, time, fs_hz, at, gain_error",
+        "21:1: rod[0].channel.colour: unknown key, known here: topic, field, unit, time, fs_hz, at, place_error_m, gain_error",
     ];
     assert_eq!(shown, expected);
 }

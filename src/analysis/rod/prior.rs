@@ -84,7 +84,7 @@ impl Prior {
             low,
             high,
             ends: 1.0,
-            // Set by RodPrior::with_fixities_in_place once the other priors are known.
+            // Set by RodPrior::new once the other priors are known.
             unit_n_m: 1.0,
         })
     }
@@ -206,11 +206,15 @@ pub struct RodPrior {
 }
 
 impl RodPrior {
-    /// One prior per quantity of `parameterisation`, in its order; `None` if the number differs.
+    /// One prior per quantity of `parameterisation`, in its order, fixities in place; `None` if the number differs.
     pub fn new(parameterisation: Parameterisation, priors: Vec<Prior>) -> Option<Self> {
-        (priors.len() == parameterisation.len()).then_some(Self {
-            parameterisation,
-            priors,
+        let is_complete = priors.len() == parameterisation.len();
+        is_complete.then(|| {
+            let own = Self {
+                parameterisation,
+                priors,
+            };
+            own.with_fixities_in_place()
         })
     }
 
@@ -333,6 +337,22 @@ mod tests {
         assert!(Prior::Fixed { value: 0.0 }.fault().is_none());
         assert!(normal(0.0, 1.0).fault().is_none());
         assert!(uniform(0.0, 2.0).fault().is_none());
+    }
+
+    #[test]
+    fn a_fixity_is_in_place_once_the_rod_is_whole() {
+        let todi = RodPrior::todi();
+        let mut priors = todi.priors().to_vec();
+        (priors[4], priors[5]) = (Prior::fixity(0.0, 0.9), Prior::fixity(0.2, 0.9));
+        let rod = RodPrior::new(*todi.parameterisation(), priors).unwrap();
+        let beam = rod.parameterisation().beam(&rod.centre());
+        let unit = 3.0 * beam.flexural_rigidity_n_m2 / 14.0;
+        // Fixity 0.45 and 0.55 are the medians.
+        for (i, fixity) in [(4, 0.45), (5, 0.55)] {
+            let expected = unit * fixity / (1.0 - fixity);
+            assert!((rod.priors()[i].centre() / expected - 1.0).abs() < 1e-12);
+        }
+        assert_eq!(rod.clone().with_fixities_in_place(), rod);
     }
 
     #[test]

@@ -20,6 +20,8 @@ const BAND: (f64, f64) = (6.0, 6.0);
 const USUAL_DAMPING: f64 = 0.003;
 /// Distance of the bands on both sides where noise is measured, in widths.
 const ASIDE: f64 = 5.0;
+/// Widest band, over the frequency by the order: modes lie about that far apart, so noise is measured half-way between two of them.
+const WIDEST: f64 = 0.5 / ASIDE;
 /// Windows left out at both ends, in standard deviations of the window: beyond, a tail of 1e-3 is cut.
 const EDGE: f64 = 3.0;
 /// Windows per standard deviation of the window.
@@ -32,8 +34,10 @@ const FEWEST: f64 = 4.0;
 const CLEAR: f64 = 20.0;
 /// Largest deviation of a phase from 0 or 180 degrees \[rad\], and standard errors that it takes to be one.
 const PHASE: (f64, f64) = (0.2, 4.0);
-/// Least relative standard error of a ratio: what windows of this width leave of other modes.
-const LEAST: f64 = 2e-3;
+/// Least relative standard error of a ratio: the mode's own tail where noise is measured, and what windows leave of other modes.
+const LEAST: f64 = 5e-3;
+/// Standard errors that a ratio must be away from zero in one mode at least, for the sensor to see the rod at all.
+const SEEN: f64 = 4.0;
 
 /// Reason why two records cannot be put side by side.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -67,6 +71,12 @@ pub enum Unsynchronised {
         /// Phase, from -180 to 180 \[degree\].
         degrees: f64,
     },
+    /// It shows nothing but noise.
+    #[error(
+        "shows none of the modes that the first sensor shows, only noise: a cable that is off, a laser that looks past the rod, or a \
+         dead channel"
+    )]
+    Silent,
 }
 
 /// Records side by side: the same number of samples, from the same time on.
@@ -98,6 +108,13 @@ pub struct Ratio {
     pub value: f64,
     /// Standard error, without that of the sensors' gains.
     pub sd: f64,
+}
+
+impl Ratio {
+    /// True if the sensor sees the mode: its amplitude is not that of noise.
+    pub fn is_seen(&self) -> bool {
+        self.value.abs() >= SEEN * self.sd
+    }
 }
 
 /// What the sensors tell of one mode.
@@ -199,10 +216,9 @@ impl Array {
         let count = self.sensors.first().map_or(0, |sensor| sensor.samples.len());
         let duration_s = count as f64 / self.fs_hz;
         let damping = mode.damping.unwrap_or(USUAL_DAMPING);
-        // No wider than a tenth of the frequency: the next mode is ten such widths away.
         let band_hz = (BAND.0 * damping * mode.frequency_hz)
             .max(BAND.1 / duration_s)
-            .min(0.1 * mode.frequency_hz);
+            .min(WIDEST * mode.frequency_hz / mode.order.max(1) as f64);
         let views: Vec<View> = self
             .sensors
             .iter()
@@ -228,23 +244,47 @@ impl Array {
         };
         let factor = (2.0 * PI * mode.frequency_hz).powi(self.sensors[reference].derivative);
         sight.weights[reference] = 1.0 / base.noise / factor;
+        // The reference's noise is in all ratios over it. They enter as independent, each with so many times its variance:
+        // 1 1' <= n I.
+        let ratios = (views.len() - 1) as f64;
         for (i, view) in views.iter().enumerate().filter(|(i, _)| *i != reference) {
             let (re, im) = product(&base.motion, &view.motion);
-            let value = re / base.signal();
+            let (value, imaginary) = (re / base.signal(), im / base.signal());
+            // Of the complex regression: a phase must not hide in what is taken for noise.
             let residual: f64 = base
                 .motion
                 .iter()
                 .zip(&view.motion)
-                .map(|(r, c)| (c.0 - value * r.0).powi(2) + (c.1 - value * r.1).powi(2))
+                .map(|(r, c)| {
+                    let (re, im) = (value * r.0 - imaginary * r.1, value * r.1 + imaginary * r.0);
+                    (c.0 - re).powi(2) + (c.1 - im).powi(2)
+                })
                 .sum::<f64>()
                 / windows as f64;
-            let sd = (residual * CORRELATED.0 / (2.0 * base.signal())).sqrt();
-            let imaginary = im / base.signal();
+            let of_variance = CORRELATED.0 / (2.0 * base.signal());
+            let variance = residual * of_variance;
+            let sd = variance.sqrt();
             if imaginary.abs() > PHASE.1 * sd && imaginary.abs() > PHASE.0 * value.abs() {
                 let (order, degrees) = (mode.order, im.atan2(re).to_degrees());
-                return Err((i, Unsynchronised::Phase { order, degrees }));
+                // The lead gave the modes: it is the other that has to go.
+                return Err(match i {
+                    0 => (
+                        reference,
+                        Unsynchronised::Phase {
+                            order,
+                            degrees: -degrees,
+                        },
+                    ),
+                    _ => (i, Unsynchronised::Phase { order, degrees }),
+                });
             }
-            let sd = sd.hypot(LEAST * value.abs());
+            let of_reference = (value * value * base.noise * of_variance).min(variance);
+            // What a phase within the limits takes from the amplitude.
+            let aside = (imaginary * imaginary - variance).max(0.0).sqrt();
+            let sd = (variance + (ratios - 1.0) * of_reference)
+                .sqrt()
+                .hypot(LEAST * ratios.sqrt() * value)
+                .hypot(value.hypot(aside) - value.abs());
             // In the time domain quantities combine that are in phase: derivatives an even number apart.
             let sensor = &self.sensors[i];
             let apart = sensor.derivative - self.sensors[reference].derivative;
@@ -433,6 +473,153 @@ mod tests {
                 flags: Vec::new(),
             }
         })
+    }
+
+    /// Pulls of modes at multiples of `f1` Hz, the lower the stronger, with amplitudes at sensors; `phase` in degrees turns all but
+    /// the first.
+    fn pulls(
+        (f1, duration_s, damping): (f64, f64, f64),
+        amplitudes: &[[f64; 3]],
+        (noise, phase): (f64, f64),
+        seed: u64,
+    ) -> Vec<Record> {
+        let mut generator = random::stream(seed, 1);
+        let [first, _] = decays(seed, 0.0);
+        amplitudes
+            .iter()
+            .enumerate()
+            .map(|(sensor, seen)| {
+                let turned = if sensor == 0 { 0.0 } else { phase.to_radians() };
+                let samples = (0..(200.0 * duration_s) as usize)
+                    .map(|i| {
+                        let t = i as f64 / 200.0;
+                        let z: f64 = StandardNormal.sample(&mut generator);
+                        let motion = seen
+                            .iter()
+                            .zip([1.0, 0.5, 0.3])
+                            .enumerate()
+                            .map(|(k, (seen, a))| {
+                                let w = 2.0 * PI * f1 * (k + 1) as f64;
+                                let phase = seed as f64 + 0.7 * k as f64 + turned;
+                                seen * a * libm::exp(-damping * w * t) * libm::sin(w * t + phase)
+                            });
+                        motion.sum::<f64>() + noise * z
+                    })
+                    .collect();
+                Record {
+                    samples,
+                    ..first.clone()
+                }
+            })
+            .collect()
+    }
+
+    /// Mode of such pulls.
+    fn multiple(order: usize, (f1, _, damping): (f64, f64, f64)) -> Mode {
+        Mode {
+            order,
+            frequency_hz: f1 * order as f64,
+            sd_hz: 1e-3,
+            damping: Some(damping),
+        }
+    }
+
+    #[test]
+    fn neighbouring_modes_are_not_taken_for_noise() {
+        // Bands that a short record or much damping make as wide as modes are apart.
+        for how in [(1.5, 20.0, 0.003), (4.5, 600.0, 0.012)] {
+            let wanted = [0.6, 0.8, -0.6];
+            let mut scores = Vec::new();
+            for seed in 0..20 {
+                let records = pulls(how, &[[1.0; 3], wanted], (0.01, 0.0), seed);
+                let (array, _) = Array::new(&[(&records[0], 0), (&records[1], 0)]);
+                for (order, wanted) in (1..).zip(wanted) {
+                    let ratio = array.sight(&multiple(order, how)).unwrap().unwrap().ratios[0];
+                    // A tenth of a percent of noise at each end of a ratio, and twice the standard error that none falls below.
+                    assert!(
+                        (ratio.value / wanted - 1.0).abs() < 0.06,
+                        "{how:?} seed {seed} mode {order}: {ratio:?}"
+                    );
+                    scores.push(((ratio.value - wanted) / ratio.sd).powi(2));
+                }
+            }
+            let square = scores.iter().sum::<f64>() / scores.len() as f64;
+            assert!(square < 1.5, "{how:?}: {square}");
+        }
+    }
+
+    #[test]
+    fn a_phase_is_seen_in_a_short_record_too() {
+        // Forty windows: what is out of phase, counted as noise, was thought to explain itself.
+        let how = (4.5, 10.0, 0.003);
+        for phase in [65.0, 89.0, 130.0] {
+            let records = pulls(how, &[[1.0; 3], [0.6, 0.8, -0.6]], (0.01, phase), 1);
+            let (array, _) = Array::new(&[(&records[0], 0), (&records[1], 0)]);
+            let (sensor, why) = array.sight(&multiple(1, how)).unwrap_err();
+            assert_eq!(sensor, 1);
+            let Unsynchronised::Phase { degrees, .. } = why else {
+                panic!("{why}")
+            };
+            assert!((degrees - phase).abs() < 5.0, "{degrees} {phase}");
+        }
+        // Five degrees, a filter's: within the limits, and the amplitude is not the worse for it.
+        let records = pulls(how, &[[1.0; 3], [0.6, 0.8, -0.6]], (0.01, 5.0), 1);
+        let (array, _) = Array::new(&[(&records[0], 0), (&records[1], 0)]);
+        let ratio = array.sight(&multiple(1, how)).unwrap().unwrap().ratios[0];
+        assert!((ratio.value - 0.6).abs() < 3.0 * ratio.sd, "{ratio:?}");
+    }
+
+    #[test]
+    fn the_lead_is_never_the_one_out_of_phase() {
+        // The lead near a node of mode 2: the other is what it is compared with, and what has to go.
+        let how = (4.5, 60.0, 0.003);
+        let mut refused = 0;
+        for seed in 0..20 {
+            let records = pulls(how, &[[1.0, 0.2, 1.0], [0.6, 5.0, -0.6]], (0.3, 90.0), seed);
+            let (array, _) = Array::new(&[(&records[0], 0), (&records[1], 0)]);
+            match array.sight(&multiple(2, how)) {
+                Err((sensor, why)) => {
+                    assert_eq!(sensor, 1, "{why}");
+                    let Unsynchronised::Phase { degrees, .. } = why else {
+                        panic!("{why}")
+                    };
+                    assert!((degrees - 90.0).abs() < 45.0, "{why}");
+                    refused += 1;
+                }
+                Ok(sight) => assert_eq!(sight.unwrap().ratios[0].sensor, 0),
+            }
+        }
+        // About four standard errors, which is the limit: some are above it.
+        assert!(refused >= 3, "{refused}");
+    }
+
+    #[test]
+    fn ratios_over_one_reference_are_worth_no_more_than_they_are() {
+        // The mean of three equal ratios over one noisy reference: its error is the reference's, whatever their number.
+        let how = (4.5, 60.0, 0.003);
+        let (mut square, mut told, mut runs) = (0.0, 0.0, 0.0);
+        for seed in 0..40 {
+            let mut records = pulls(how, &[[1.0; 3]; 4], (0.01, 0.0), seed);
+            let [noisy] = &pulls(how, &[[1.0; 3]], (0.3, 0.0), seed)[..] else {
+                panic!()
+            };
+            records[0] = noisy.clone();
+            let all: Vec<(&Record, i32)> = records.iter().map(|record| (record, 0)).collect();
+            let (array, _) = Array::new(&all);
+            let ratios = array.sight(&multiple(1, how)).unwrap().unwrap().ratios;
+            assert_eq!(ratios.len(), 3);
+            let precision: f64 = ratios.iter().map(|ratio| ratio.sd.powi(-2)).sum();
+            let mean: f64 = ratios
+                .iter()
+                .map(|ratio| ratio.value * ratio.sd.powi(-2))
+                .sum::<f64>()
+                / precision;
+            square += (mean - 1.0).powi(2);
+            told += 1.0 / precision;
+            runs += 1.0;
+        }
+        // Forty runs: 1 +- 0.22 if the variance told is right; 3 where they count as independent.
+        assert!(square / told < 1.9, "{} runs: {}", runs, square / told);
     }
 
     fn mode(order: usize) -> Mode {

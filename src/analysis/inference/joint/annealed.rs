@@ -3,11 +3,16 @@
 //! Walkers start as draws of the prior. The power of the likelihood rises to one in steps that leave half of them effective; after each
 //! they are resampled and moved by differential evolution (ter Braak 2006): half of them along differences between members of the other
 //! half, which follow the posterior's shape at every place, at several lengths because a bend allows only short ones.
+//!
+//! The sample counts only if the walkers forgot where they were: after every run the correlation with its beginning is taken along each
+//! whitened direction. Walkers keep the order of their ancestors, so relatives are neighbours, and the scatter between the means of blocks of
+//! neighbours tells the number of independent draws.
 
 use super::density::{Mask, Problem};
-use super::population::{Population, effective};
+use super::population::{Population, effective, spread};
 use crate::numerics::random;
 use crate::rod::prior::Prior;
+use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -15,10 +20,12 @@ use rayon::prelude::*;
 
 /// Number of walkers; even.
 const WALKERS: usize = 1000;
-/// Sum of squared lengths of accepted moves per walker, and most sweeps for it: between two steps, and in the end before each of the
-/// [`SNAPSHOTS`].
-const BETWEEN: (f64, usize) = (2.0, 40);
-const LAST: (f64, usize) = (4.0, 200);
+/// Share of their places that walkers forget (one minus the correlation with the beginning, in the slowest direction), and most sweeps
+/// for it: between two steps, and in the end before each of the [`SNAPSHOTS`].
+const BETWEEN: (f64, usize) = (0.5, 40);
+const LAST: (f64, usize) = (0.7, 200);
+/// Number of blocks of neighbouring walkers between whose means the scatter is taken: 19 degrees of freedom.
+const FAMILIES: usize = 20;
 /// Snapshots of the walkers that make the sample.
 const SNAPSHOTS: usize = 3;
 /// Most steps of the power.
@@ -40,19 +47,29 @@ struct Walker {
     /// Log densities of prior and data.
     prior: f64,
     likelihood: f64,
-    /// Sum of squared lengths of accepted moves.
-    moved: f64,
 }
 
-/// An equally weighted sample of the posterior given the data in `mask`, of all draws of the prior in `pilot` (row-major parameter
-/// vectors), and the number of points tried; `None` if the data allow none of them.
+/// The sample of the chains.
+pub(super) struct Sample {
+    /// Equally weighted.
+    pub(super) population: Population,
+    /// Number of points tried.
+    pub(super) tried: usize,
+    /// Number of independent draws of the posterior that the sample is worth, at most the walkers'.
+    pub(super) ess: f64,
+    /// True if the walkers forgot their places before every snapshot.
+    pub(super) is_mixed: bool,
+}
+
+/// A sample of the posterior given the data in `mask`, of all draws of the prior in `pilot` (row-major parameter vectors); `None` if the data
+/// allow none of them.
 pub(super) fn annealed(
     problem: &Problem,
     uncertain: &[usize],
     pilot: &[f64],
     mask: &Mask,
     seed: u64,
-) -> Option<(Population, usize)> {
+) -> Option<Sample> {
     let chains = Chains {
         problem,
         uncertain,
@@ -78,23 +95,102 @@ pub(super) fn annealed(
             .map(|row| walkers[row].clone())
             .collect();
         power = next;
-        tried += chains.moved(&mut walkers, power, BETWEEN, stream(b"annealed moves", step));
+        // Between two steps a run may be cut short: the next begin where it ends.
+        let seed = stream(b"annealed moves", step);
+        tried += chains.moved(&mut walkers, power, BETWEEN, seed).0;
         if power == 1.0 {
-            let mut sample = Population::default();
+            let mut population = Population::default();
+            let mut is_mixed = true;
+            let mut sums: Vec<DVector<f64>> = vec![DVector::zeros(uncertain.len()); walkers.len()];
             for snapshot in 0..SNAPSHOTS {
                 let seed = stream(b"annealed sample", snapshot);
-                tried += chains.moved(&mut walkers, power, LAST, seed);
-                for walker in &walkers {
-                    sample.thetas.extend(&walker.theta);
-                    sample.answers.extend(&walker.answers);
-                    sample.likelihood.push(walker.likelihood);
-                    sample.base.push(-walker.likelihood);
+                let (sweeps, has_forgotten) = chains.moved(&mut walkers, power, LAST, seed);
+                tried += sweeps;
+                is_mixed &= has_forgotten;
+                for (walker, sum) in walkers.iter().zip(&mut sums) {
+                    *sum += DVector::from_column_slice(&walker.line);
+                    population.thetas.extend(&walker.theta);
+                    population.answers.extend(&walker.answers);
+                    population.likelihood.push(walker.likelihood);
+                    population.base.push(-walker.likelihood);
                 }
             }
-            return Some((sample, tried));
+            return Some(Sample {
+                population,
+                tried,
+                ess: independent(&walkers, &sums),
+                is_mixed,
+            });
         }
     }
     None
+}
+
+/// Number of independent draws that the sample is worth: the walkers' variance over that of the mean, by the scatter between the means of
+/// families, in the direction in which it is fewest; at most the number of walkers. `sums` over all snapshots, walker by walker.
+fn independent(walkers: &[Walker], sums: &[DVector<f64>]) -> f64 {
+    let Some(directions) = Directions::of(walkers) else {
+        return 0.0;
+    };
+    let size = sums.len().div_ceil(FAMILIES).max(1);
+    let means: Vec<DVector<f64>> = sums
+        .chunks(size)
+        .filter_map(|family| {
+            let count = (family.len() * SNAPSHOTS) as f64;
+            let sum = family
+                .iter()
+                .fold(DVector::zeros(family[0].len()), |sum, x| sum + x);
+            directions.whitened(&(sum / count))
+        })
+        .collect();
+    let count = means.len() as f64;
+    let Some(first) = means.first().filter(|_| means.len() > 1) else {
+        return 0.0;
+    };
+    let mean = means.iter().fold(DVector::zeros(first.len()), |sum, x| sum + x) / count;
+    let scatter = means.iter().fold(DVector::zeros(first.len()), |sum, x| {
+        sum + (x - &mean).map(|d| d * d)
+    }) / (count - 1.0);
+    let fewest = scatter.iter().map(|s| count / s).fold(f64::INFINITY, f64::min);
+    fewest.min(walkers.len() as f64)
+}
+
+/// Directions in which walkers have unit variance, each independent of those before it.
+struct Directions {
+    root: DMatrix<f64>,
+}
+
+impl Directions {
+    /// `None` where the walkers have no spread.
+    fn of(walkers: &[Walker]) -> Option<Self> {
+        let rows: Vec<DVector<f64>> = walkers
+            .iter()
+            .map(|walker| DVector::from_column_slice(&walker.line))
+            .collect();
+        let (_, root) = spread(&rows.iter().collect::<Vec<_>>())?;
+        Some(Self { root })
+    }
+
+    fn whitened(&self, line: &DVector<f64>) -> Option<DVector<f64>> {
+        self.root.solve_lower_triangular(line)
+    }
+
+    /// One minus the correlation of the walkers' places with those before, in the slowest direction.
+    fn forgotten(&self, before: &[Vec<f64>], walkers: &[Walker]) -> f64 {
+        let mut squares = DVector::zeros(self.root.nrows());
+        for (before, walker) in before.iter().zip(walkers) {
+            let moved = DVector::from_iterator(
+                before.len(),
+                walker.line.iter().zip(before).map(|(to, from)| to - from),
+            );
+            let Some(moved) = self.whitened(&moved) else {
+                return 0.0;
+            };
+            squares += moved.map(|d| d * d);
+        }
+        let slowest = squares.iter().copied().fold(f64::INFINITY, f64::min);
+        0.5 * slowest / walkers.len() as f64
+    }
 }
 
 /// The power of the likelihood that leaves half of the walkers' number effective; at most one.
@@ -163,13 +259,19 @@ impl Chains<'_> {
             answers,
             prior,
             likelihood,
-            moved: 0.0,
         })
     }
 
-    /// Moves all walkers until they moved so far in the mean, or so often; returns the number of points tried.
-    fn moved(&self, walkers: &mut [Walker], power: f64, (far, sweeps): (f64, usize), seed: u64) -> usize {
-        walkers.iter_mut().for_each(|walker| walker.moved = 0.0);
+    /// Moves all walkers until they forgot so much of their places, or so often; returns the number of points tried, and false if
+    /// it was the latter.
+    fn moved(
+        &self,
+        walkers: &mut [Walker],
+        power: f64,
+        (far, sweeps): (f64, usize),
+        seed: u64,
+    ) -> (usize, bool) {
+        let before: Vec<Vec<f64>> = walkers.iter().map(|walker| walker.line.clone()).collect();
         let count = walkers.len();
         let half = count / 2;
         for sweep in 0..sweeps {
@@ -190,12 +292,12 @@ impl Chains<'_> {
                         }
                     });
             }
-            let moved: f64 = walkers.iter().map(|walker| walker.moved).sum();
-            if moved >= far * count as f64 {
-                return (sweep + 1) * count;
+            // In the spread they have now: what came of few ancestors has little of it at first.
+            if Directions::of(walkers).is_some_and(|now| now.forgotten(&before, walkers) >= far) {
+                return ((sweep + 1) * count, true);
             }
         }
-        sweeps * count
+        (sweeps * count, false)
     }
 
     /// One move of a walker along the difference of two others, which stay.
@@ -218,14 +320,7 @@ impl Chains<'_> {
         let Some(proposed) = self.at(line) else { return };
         let gain = proposed.prior - walker.prior + power * (proposed.likelihood - walker.likelihood);
         if libm::log(u) < gain {
-            // Two walkers that came of one and have not left each other move nobody.
-            let moved = walker.moved
-                + if proposed.line == walker.line {
-                    0.0
-                } else {
-                    share * share
-                };
-            *walker = Walker { moved, ..proposed };
+            *walker = proposed;
         }
     }
 }
@@ -251,7 +346,9 @@ mod tests {
         for _ in 0..4000 {
             pilot.extend(problem.priors.iter().map(|prior| prior.sample(&mut generator)));
         }
-        let (sample, _) = annealed(&problem, &uncertain, &pilot, &[true], 5).unwrap();
+        let sample = annealed(&problem, &uncertain, &pilot, &[true], 5).unwrap();
+        assert!(sample.is_mixed && sample.ess > 500.0, "{}", sample.ess);
+        let sample = sample.population;
         let sides: Vec<f64> = sample.answers.clone();
         let count = sides.len() as f64;
         let mean = sides.iter().sum::<f64>() / count;
@@ -274,5 +371,59 @@ mod tests {
             .collect();
         let mean = forces.iter().sum::<f64>() / count;
         assert!((mean / 8e5 - 1.0).abs() < 4.0 * 0.2 / 1000f64.sqrt(), "{mean}");
+    }
+
+    #[test]
+    fn chains_that_do_not_mix_say_so() {
+        // Three frequencies to ten in a million, and a model without discrepancy: a thread in six dimensions.
+        let (theta, mut answers) = (RodPrior::todi().centre(), [0.0; 3]);
+        let exact = |order| Datum::frequency(order, 1.0, 1.0);
+        let problem = Problem::new(&RodPrior::todi(), &[0.0; 3], &[(1..=3).map(exact).collect()]).unwrap();
+        problem.answer(&theta, &mut answers);
+        let data = (1..=3)
+            .zip(answers)
+            .map(|(order, f)| Datum::frequency(order, f, 1e-5 * f));
+        let problem = Problem::new(&RodPrior::todi(), &[0.0; 3], &[data.collect()]).unwrap();
+        let mut generator = random::stream(3, 0);
+        let mut pilot = Vec::new();
+        for _ in 0..4000 {
+            pilot.extend(problem.priors.iter().map(|prior| prior.sample(&mut generator)));
+        }
+        let uncertain: Vec<usize> = (0..6).collect();
+        let sample = annealed(&problem, &uncertain, &pilot, &[true; 3], 5).unwrap();
+        assert!(!sample.is_mixed, "{}", sample.ess);
+    }
+
+    #[test]
+    fn relatives_count_as_one_draw() {
+        // A thousand walkers that came of forty and never left each other.
+        let mut generator = random::stream(4, 0);
+        let mut of = |count: usize, copies: usize| -> Vec<Walker> {
+            let mut walkers = Vec::new();
+            for _ in 0..count {
+                let line: Vec<f64> = (0..3).map(|_| StandardNormal.sample(&mut generator)).collect();
+                let walker = Walker {
+                    line,
+                    theta: Vec::new(),
+                    answers: Vec::new(),
+                    prior: 0.0,
+                    likelihood: 0.0,
+                };
+                walkers.extend(std::iter::repeat_n(walker, copies));
+            }
+            walkers
+        };
+        let ess = |walkers: &[Walker]| {
+            let sums = walkers
+                .iter()
+                .map(|walker| DVector::from_column_slice(&walker.line) * SNAPSHOTS as f64);
+            independent(walkers, &sums.collect::<Vec<_>>())
+        };
+        // 19 degrees of freedom, the least of three directions: a factor of three either way.
+        let (related, free) = (of(40, 25), of(1000, 1));
+        let found = ess(&related);
+        assert!((13.0..120.0).contains(&found), "{found}");
+        let found = ess(&free);
+        assert!((333.0..=1000.0).contains(&found), "{found}");
     }
 }

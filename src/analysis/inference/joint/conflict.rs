@@ -26,7 +26,8 @@ pub struct DatumConflict {
     pub value: Option<f64>,
     /// Mean of the prediction by the others.
     pub predicted: Option<f64>,
-    /// Standard deviation of the prediction, without the datum's own error.
+    /// Standard deviation of the prediction, without the datum's own error; with what the others leave open of an error that it shares
+    /// with them.
     pub predicted_sd: Option<f64>,
     /// A slip that would explain the datum.
     pub hint: Option<String>,
@@ -85,6 +86,10 @@ fn one(
     let signed = |i: usize| problem.data[i].query.is_signed();
     let scaled = |i: usize, y: f64| if signed(i) { y } else { libm::log(y.abs()) };
     let n = group.len();
+    // Per draw the predictions, each with what is left of the shared error and with the datum's own. Data of one group share no error
+    // with each other: frequencies of one moment are of different orders.
+    let mut left = vec![0.0; n];
+    let mut errors = vec![0.0; n];
     let rows: Vec<(DVector<f64>, f64)> = found
         .weights
         .iter()
@@ -92,7 +97,15 @@ fn one(
         .filter(|(_, w)| **w > 0.0)
         .map(|(row, &weight)| {
             let y = &found.population.answers[row * data..][..data];
-            (DVector::from_fn(n, |k, _| scaled(group[k], y[group[k]])), weight)
+            let means = DVector::from_fn(n, |k, _| {
+                let i = group[k];
+                let (mean, shared, with_own) = problem.predicted(i, y, &mask);
+                let relative = if signed(i) { 1.0 } else { mean };
+                left[k] += weight * (shared / relative).powi(2);
+                errors[k] += weight * (with_own / relative).powi(2);
+                scaled(i, mean)
+            });
+            (means, weight)
         })
         .collect();
     let mean = rows.iter().fold(DVector::zeros(n), |sum, (y, w)| sum + y * *w);
@@ -103,11 +116,9 @@ fn one(
     let predicted = rows.iter().fold(0.0, |sum, (y, w)| {
         sum + w * if signed(group[0]) { y[0] } else { libm::exp(y[0]) }
     });
-    let predicted_sd = covariance[(0, 0)].sqrt() * if signed(group[0]) { 1.0 } else { predicted };
-    for (k, &i) in group.iter().enumerate() {
-        let centre = if signed(i) { mean[k] } else { libm::exp(mean[k]) };
-        let relative = if signed(i) { 1.0 } else { centre };
-        covariance[(k, k)] += (problem.spread(i, centre) / relative).powi(2);
+    let predicted_sd = (covariance[(0, 0)] + left[0]).sqrt() * if signed(group[0]) { 1.0 } else { predicted };
+    for (k, error) in errors.iter().enumerate() {
+        covariance[(k, k)] += error;
     }
     let root = covariance.cholesky()?;
     let score_of = |values: &[f64]| {

@@ -289,22 +289,22 @@ impl Datum {
         }
     }
 
-    /// Error that it shares with other data, and its relative standard deviation; `discrepancy` per mode order, the last for all
-    /// above.
-    pub(super) fn shared(&self, discrepancy: &[f64]) -> Option<(SharedError, f64)> {
-        let (group, sd) = match self.query {
+    /// Error that it shares with other data, the sign with which, and its relative standard deviation; `discrepancy` per mode order,
+    /// the last for all above.
+    pub(super) fn shared(&self, discrepancy: &[f64]) -> Option<(SharedError, f64, f64)> {
+        let (group, sign, sd) = match self.query {
             Query::Frequency { order, .. } => {
                 let sd = discrepancy.get(order - 1).or(discrepancy.last()).copied()?;
-                (SharedError::Order(order), sd)
+                (SharedError::Order(order), 1.0, sd)
             }
             Query::AmplitudeRatio { at, reference_at, .. } => {
-                let is_strain = false;
+                // One group for a pair, whichever of the two is the reference.
                 let group = SharedError::Gain {
-                    is_strain,
-                    at,
-                    reference_at,
+                    is_strain: false,
+                    at: at.min(reference_at),
+                    reference_at: at.max(reference_at),
                 };
-                (group, self.gain_sd)
+                (group, if at <= reference_at { 1.0 } else { -1.0 }, self.gain_sd)
             }
             Query::StrainRatio {
                 strain_at, read_at, ..
@@ -314,11 +314,11 @@ impl Datum {
                     at: strain_at,
                     reference_at: read_at,
                 };
-                (group, self.gain_sd)
+                (group, 1.0, self.gain_sd)
             }
             Query::FrequencyRatio { .. } | Query::Deflection { .. } | Query::Quantity(_) => return None,
         };
-        (sd > 0.0).then_some((group, sd))
+        (sd > 0.0).then_some((group, sign, sd))
     }
 }
 

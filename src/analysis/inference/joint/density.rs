@@ -2,7 +2,8 @@
 //!
 //! Every datum has an independent normal error. Some share a relative error besides: natural frequencies of one mode order the model's
 //! discrepancy, with a mass on the rod or without, today or at another time; amplitude ratios of one pair of sensors their gain:
-//! `y_i = y_Mi (1 + c) + e_i`, `c ~ N(0, d^2)`. Their covariance `diag(s_i^2) + d^2 y_M y_M'` is inverted in closed form.
+//! `y_i = y_Mi (1 + c) + e_i`, `c ~ N(0, d^2)`. Their covariance `diag(s_i^2) + d^2 y_M y_M'` is inverted in closed form. A ratio of the same
+//! pair turned upside down has `-c`.
 
 use super::Datum;
 use super::datum::{SharedError, queries};
@@ -23,8 +24,8 @@ pub(super) struct Problem {
     pub(super) data: Vec<Datum>,
     /// Moment of each datum.
     pub(super) moment_of: Vec<usize>,
-    /// Per datum the group whose relative error it shares; none if that error is zero.
-    group_of: Vec<Option<usize>>,
+    /// Per datum the group whose relative error it shares, and the sign with which; none if that error is zero.
+    group_of: Vec<Option<(usize, f64)>>,
     /// Squared relative standard deviation of each group's shared error.
     shared: Vec<f64>,
     /// Discrepancy of each mode order from the first, with its group.
@@ -52,13 +53,14 @@ impl Problem {
         let group_of = data
             .iter()
             .map(|datum| {
-                let (group, sd) = datum.shared(discrepancy)?;
+                let (group, sign, sd) = datum.shared(discrepancy)?;
                 let known = groups.iter().position(|known| *known == group);
-                Some(known.unwrap_or_else(|| {
+                let known = known.unwrap_or_else(|| {
                     groups.push(group);
                     shared.push(sd * sd);
                     groups.len() - 1
-                }))
+                });
+                Some((known, sign))
             })
             .collect();
         let of_order = |(i, sd): (usize, &f64)| {
@@ -100,12 +102,26 @@ impl Problem {
 
     /// Standard deviation of one datum about its answer: its own error and the shared one.
     pub(super) fn spread(&self, datum: usize, answer: f64) -> f64 {
-        let shared = self.group_of[datum].map_or(0.0, |group| self.shared[group]);
+        let shared = self.group_of[datum].map_or(0.0, |(group, _)| self.shared[group]);
         (variance(&self.data[datum]) + shared * answer * answer).sqrt()
     }
 
     /// Natural logarithm of the density of the data in `mask` up to a constant; minus infinity where the model has no answer.
     pub(super) fn log_density(&self, answers: &[f64], mask: &Mask) -> f64 {
+        let (square, log_factors) = self.form(answers, mask);
+        let sum = -0.5 * (square + log_factors);
+        if sum.is_nan() { f64::NEG_INFINITY } else { sum }
+    }
+
+    /// Squared distance of the answers from the data in `mask`, in their errors with all that they share: chi-square of that many degrees
+    /// of freedom if the answers are true.
+    pub(super) fn square(&self, answers: &[f64], mask: &Mask) -> f64 {
+        self.form(answers, mask).0
+    }
+
+    /// Quadratic form of the residuals with the inverse of their covariance, and the logarithm of its determinant without the data's
+    /// own variances.
+    fn form(&self, answers: &[f64], mask: &Mask) -> (f64, f64) {
         let mut sum = 0.0;
         // Per group: sum y r / v, sum y^2 / v.
         let mut groups = vec![(0.0, 0.0); self.shared.len()];
@@ -114,17 +130,32 @@ impl Problem {
                 continue;
             }
             let (residual, variance) = (datum.value - answer, variance(datum));
-            sum -= 0.5 * residual * residual / variance;
-            if let Some(group) = self.group_of[i] {
-                groups[group].0 += answer * residual / variance;
+            sum += residual * residual / variance;
+            if let Some((group, sign)) = self.group_of[i] {
+                groups[group].0 += sign * answer * residual / variance;
                 groups[group].1 += answer * answer / variance;
             }
         }
+        let mut log_factors = 0.0;
         for ((cross, square), squared) in groups.into_iter().zip(&self.shared) {
             let factor = 1.0 + squared * square;
-            sum += 0.5 * (cross * cross * squared / factor - libm::log(factor));
+            sum -= cross * cross * squared / factor;
+            log_factors += libm::log(factor);
         }
-        if sum.is_nan() { f64::NEG_INFINITY } else { sum }
+        (sum, log_factors)
+    }
+
+    /// Prediction of one datum by the others in `mask` given parameters: with what they tell of the error that it shares with them.
+    /// Mean, standard deviation of what is left of the shared error, and that with the datum's own.
+    pub(super) fn predicted(&self, datum: usize, answers: &[f64], mask: &Mask) -> (f64, f64, f64) {
+        let answer = answers[datum];
+        let own = variance(&self.data[datum]);
+        let Some((group, sign)) = self.group_of[datum] else {
+            return (answer, 0.0, own.sqrt());
+        };
+        let (mean, sd) = self.shared_given(group, answers, |i| mask[i] && i != datum);
+        let left = answer.abs() * sd;
+        (answer * (1.0 + sign * mean), left, own.sqrt().hypot(left))
     }
 
     /// Mean and standard deviation of the relative discrepancy of one mode given parameters and data.
@@ -134,10 +165,18 @@ impl Problem {
             // No datum tells of it.
             return (0.0, sd);
         };
+        self.shared_given(group, answers, |i| mask[i])
+    }
+
+    /// Mean and standard deviation of a shared error given parameters and the data that count.
+    fn shared_given(&self, group: usize, answers: &[f64], counts: impl Fn(usize) -> bool) -> (f64, f64) {
         let (mut cross, mut precision) = (0.0, 1.0 / self.shared[group]);
         for (i, (datum, &answer)) in self.data.iter().zip(answers).enumerate() {
-            if mask[i] && self.group_of[i] == Some(group) {
-                cross += answer * (datum.value - answer) / variance(datum);
+            if let Some((own, sign)) = self.group_of[i]
+                && own == group
+                && counts(i)
+            {
+                cross += sign * answer * (datum.value - answer) / variance(datum);
                 precision += answer * answer / variance(datum);
             }
         }
@@ -152,6 +191,7 @@ fn variance(datum: &Datum) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rod::query::Query;
     use nalgebra::{DMatrix, DVector};
 
     #[test]
@@ -198,5 +238,74 @@ mod tests {
         }
         let centre = first / mass;
         assert!((mean - centre).abs() < 1e-8 && (sd - (second / mass - centre * centre).sqrt()).abs() < 1e-7);
+    }
+
+    /// Ratios of a pair of sensors, the last two of them with the first sensor as reference instead.
+    fn ratios() -> Problem {
+        let ratio = |order, (at, reference_at): (f64, f64), value, sd| Datum {
+            query: Query::AmplitudeRatio {
+                order,
+                at,
+                reference_at,
+            },
+            value,
+            sd,
+            gain_sd: 0.05,
+        };
+        let data = vec![
+            ratio(1, (0.1, 0.4), 0.33, 0.001),
+            ratio(2, (0.1, 0.4), 1.02, 0.002),
+            ratio(3, (0.4, 0.1), -0.71, 0.003),
+        ];
+        Problem::new(&RodPrior::todi(), &[0.0; 3], &[data]).unwrap()
+    }
+
+    #[test]
+    fn a_pair_upside_down_has_the_same_gain_with_the_other_sign() {
+        let problem = ratios();
+        let y = [0.32, 1.0, -0.73];
+        let sign = [1.0, 1.0, -1.0];
+        let v = |y: [f64; 3]| {
+            DMatrix::from_fn(3, 3, |i, j| {
+                let own = if i == j {
+                    [0.001f64, 0.002, 0.003][i].powi(2)
+                } else {
+                    0.0
+                };
+                own + 0.05 * 0.05 * sign[i] * sign[j] * y[i] * y[j]
+            })
+        };
+        let r = DVector::from_fn(3, |i, _| [0.33, 1.02, -0.71][i] - y[i]);
+        let expected = r.dot(&v(y).cholesky().unwrap().solve(&r));
+        let found = problem.square(&y, &[true; 3]);
+        assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
+    }
+
+    #[test]
+    fn a_datum_is_predicted_with_the_gain_that_the_others_tell() {
+        let problem = ratios();
+        let y = [0.32, 1.0, -0.73];
+        // Conditional normal of datum 2 given 0 and 1.
+        let v = |i: usize, j: usize| {
+            let own = if i == j {
+                [0.001f64, 0.002, 0.003][i].powi(2)
+            } else {
+                0.0
+            };
+            let sign = if (i == 2) == (j == 2) { 1.0 } else { -1.0 };
+            own + 0.05 * 0.05 * sign * y[i] * y[j]
+        };
+        let others = DMatrix::from_fn(2, 2, v).cholesky().unwrap();
+        let cross = DVector::from_fn(2, |i, _| v(i, 2));
+        let r = DVector::from_fn(2, |i, _| [0.33, 1.02][i] - y[i]);
+        let mean = y[2] + cross.dot(&others.solve(&r));
+        let sd = (v(2, 2) - cross.dot(&others.solve(&cross))).sqrt();
+        let (found, left, with_own) = problem.predicted(2, &y, &[true; 3]);
+        assert!(
+            (found - mean).abs() < 1e-9 && (with_own - sd).abs() < 1e-9,
+            "{found} {mean} {with_own} {sd}"
+        );
+        // An order less than the gain alone would leave.
+        assert!(left < 0.1 * 0.05 * 0.73);
     }
 }

@@ -103,6 +103,16 @@ pub enum JointError {
         /// The datum farthest from that rod.
         suspect: String,
     },
+    /// The posterior is too thin to be sampled.
+    #[error(
+        "the posterior is too thin to be sampled: the chains are worth {ess:.0} independent draws, {FEWEST:.0} are needed. The data are \
+         stated more exactly than the model is: give it a discrepancy (`discrepancy`, 0.002 to 0.01 of a frequency), or data their full \
+         standard errors; from Rust, a larger `JointSettings` proposes more"
+    )]
+    Unmixed {
+        /// Independent draws that the chains are worth, as far as they show it.
+        ess: f64,
+    },
     /// No rod was found that the data allow.
     #[error("no rod of the prior was found that the data allow at all")]
     Unsampled,
@@ -207,13 +217,17 @@ impl Joint<'_> {
             return Ok(found);
         }
         let chains = annealed::annealed(problem, &uncertain, &pilot.thetas, mask, stream(b"annealed", 0));
-        let (population, tried) = chains.ok_or(JointError::Unsampled)?;
-        refuse_contradiction(problem, mask, &population)?;
-        let weights = population.weights(1.0);
+        let chains = chains.ok_or(JointError::Unsampled)?;
+        refuse_contradiction(problem, mask, &chains.population)?;
+        if !chains.is_mixed || chains.ess < FEWEST {
+            return Err(JointError::Unmixed { ess: chains.ess });
+        }
+        let weights = chains.population.weights(1.0);
         Ok(Found {
-            population,
+            population: chains.population,
             weights,
-            draws: pilot.rows + tried,
+            ess: chains.ess,
+            draws: pilot.rows + chains.tried,
             populations: 1,
             sampler: Sampler::Chains,
         })
@@ -249,6 +263,7 @@ impl Joint<'_> {
                 return (found >= FEWEST.min(0.5 * count as f64)).then_some(Found {
                     population,
                     weights,
+                    ess: found,
                     draws,
                     populations,
                     sampler: match populations {
@@ -292,6 +307,7 @@ impl Joint<'_> {
         let Found {
             population,
             weights,
+            ess,
             draws,
             populations,
             sampler,
@@ -322,7 +338,7 @@ impl Joint<'_> {
                     .flat_map(|&row| &population.thetas[row * total..][..own])
                     .copied()
                     .collect(),
-                ess: effective(&kept),
+                ess,
                 weights: kept,
                 epsilon: 0.0,
                 draws,
@@ -349,6 +365,8 @@ impl Joint<'_> {
 struct Found {
     population: Population,
     weights: Vec<f64>,
+    /// Effective sample size.
+    ess: f64,
     draws: usize,
     populations: usize,
     sampler: Sampler,
@@ -361,9 +379,7 @@ const REFUSED: f64 = 6.0;
 fn refuse_contradiction(problem: &Problem, mask: &Mask, sample: &Population) -> Result<(), JointError> {
     let count = problem.data.len();
     let used: Vec<usize> = (0..count).filter(|&i| mask[i]).collect();
-    let away =
-        |answers: &[f64], i: usize| (problem.data[i].value - answers[i]) / problem.spread(i, answers[i]);
-    let square = |answers: &[f64]| -> f64 { used.iter().map(|&i| away(answers, i).powi(2)).sum() };
+    let square = |answers: &[f64]| problem.square(answers, mask);
     let rows = sample.answers.chunks_exact(count);
     let Some(nearest) = rows.min_by(|a, b| square(a).total_cmp(&square(b))) else {
         return Err(JointError::Unsampled);
@@ -372,6 +388,10 @@ fn refuse_contradiction(problem: &Problem, mask: &Mask, sample: &Population) -> 
     if score <= REFUSED {
         return Ok(());
     }
+    let away = |answers: &[f64], i: usize| {
+        let (mean, _, sd) = problem.predicted(i, answers, mask);
+        (problem.data[i].value - mean) / sd
+    };
     let farthest = used
         .into_iter()
         .max_by(|&a, &b| away(nearest, a).abs().total_cmp(&away(nearest, b).abs()));

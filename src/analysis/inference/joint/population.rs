@@ -260,7 +260,7 @@ fn local(centre: &DVector<f64>, centres: &[DVector<f64>]) -> Option<Kernel> {
 }
 
 /// Mean of points, and a root of their covariance.
-fn spread(points: &[&DVector<f64>]) -> Option<(DVector<f64>, DMatrix<f64>)> {
+pub(super) fn spread(points: &[&DVector<f64>]) -> Option<(DVector<f64>, DMatrix<f64>)> {
     let count = points.len() as f64;
     let d = points.first()?.len();
     let mean = points.iter().fold(DVector::zeros(d), |sum, point| sum + *point) / count;

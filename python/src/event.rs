@@ -125,7 +125,7 @@ impl Records {
                 Err(error) => return Err(refused(error)),
             };
             if summary.has_nothing() {
-                return Err(refused(summary.absences().join("; ")));
+                return Err(refused(summary.absence().unwrap_or_default()));
             }
             let mut notes = self.notes.lock().unwrap_or_else(PoisonError::into_inner);
             notes.extend(summary.notes.iter().cloned().chain(summary.faults()));

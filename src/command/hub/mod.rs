@@ -15,7 +15,7 @@ use std::process::ExitCode;
 
 /// Run the centre of many sites: fold what their daemons forward into one database.
 ///
-/// Each site's daemon forwards its results to NATS JetStream ([forward] in its configuration). The hub folds them,
+/// Each site's daemon forwards its results to NATS JetStream (section `forward` of its configuration). The hub folds them,
 /// exactly once and in order, into PostgreSQL, or into SQLite for up to some 200 rods, and shows all sites, worst first. A
 /// message that cannot be folded is parked with its reason; its site is marked, the others go on.
 #[derive(Debug, clap::Args)]

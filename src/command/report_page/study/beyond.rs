@@ -189,20 +189,24 @@ pub(super) fn beyond(main: &mut Markup, study: &Study) {
         .map(|w| {
             vec![
                 Cell::Text(w.measured.to_owned()),
-                Cell::Line(format!("{:.2}", 100.0 * w.cv.value)),
-                Cell::Line(format!(
-                    "{:.3} \u{b1} {:.3}",
-                    w.of_first.value,
-                    w.of_first.error_of_mean()
-                )),
+                Cell::Line(match w.cv.runs {
+                    0 => "-".to_owned(),
+                    _ => format!("{:.2}", 100.0 * w.cv.value),
+                }),
+                Cell::Line(match w.of_first.runs {
+                    0 => "-".to_owned(),
+                    1 => format!("{:.3}", w.of_first.value),
+                    _ => format!("{:.3} \u{b1} {:.3}", w.of_first.value, w.of_first.error_of_mean()),
+                }),
+                Cell::Line(w.of_first.runs.to_string()),
             ]
         })
         .collect();
     let caption = format!(
-        "Expected uncertainty of the axial force over {} rods drawn from Table 1's prior, and what is left of the first row's.",
+        "Expected uncertainty of the axial force over {} rods drawn from Table 1's prior, and what is left of the first row's, over the rods of which the sampler can give both.",
         study.effort.rods
     );
-    let header = ["Measured", "CV of N [%]", "Of the first row's"];
+    let header = ["Measured", "CV of N [%]", "Of the first row's", "Rods"];
     rod::table(main, &caption, &header, &rows);
     main.leaf("h3", &[], "The ladder of samplers");
     let rows: Vec<Vec<Cell>> = study

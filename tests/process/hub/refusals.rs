@@ -39,7 +39,7 @@ fn an_old_server_is_refused_by_name_by_hub_and_site() {
         .map(|folder| folder.join("nats-server"))
         .find(|path| path.is_file());
     let Some(old) = old else {
-        let _ = program("nats-server of Debian 12", "apt-get install nats-server", &[]);
+        let _ = program("nats-server of Debian", "apt-get install nats-server", &[]);
         return;
     };
     let folder = tempfile::tempdir().unwrap();
@@ -47,7 +47,7 @@ fn an_old_server_is_refused_by_name_by_hub_and_site() {
     let (code, said) = refused(folder.path(), &nats, "");
     assert_eq!(code, 1, "{said}");
     assert!(
-        said.contains("nats-server 2.9") && said.contains("older than 2.12"),
+        said.contains("nats-server 2.") && said.contains("older than 2.12"),
         "{said}"
     );
     let mut fleet = Fleet::at(&["todi"], nats, Storage::Sqlite).unwrap();

@@ -151,10 +151,8 @@ fn shape(connection: &Connection, table: &'static str) -> rusqlite::Result<Shape
 }
 
 /// Names the rows of a store that had no log yet, in an order in which they could have come.
-pub(super) fn begin_log(connection: &Connection) -> rusqlite::Result<()> {
-    Row::of("epoch")
-        .with("id", fresh_id(connection)?)
-        .insert(connection)?;
+pub(super) fn begin_log(connection: &Connection, id: String) -> rusqlite::Result<()> {
+    Row::of("epoch").with("id", id).insert(connection)?;
     let of = |sql: &str, table: &str, single: bool| -> rusqlite::Result<()> {
         let mut statement = connection.prepare(sql)?;
         let width = statement.column_count();
@@ -222,6 +220,22 @@ const NAMED: [(&str, &[(&str, &str)]); 9] = [
     ("notice", &[("notice", "number = ?1")]),
     ("request", &[("request", "number = ?1")]),
 ];
+
+impl Store {
+    /// Begins the log anew under an id of its own, as if the store had been brought up to this format: what stores of equal
+    /// results differ in is gone then.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn restart_log(&mut self, id: &str) -> Result<(), StoreError> {
+        let write = |connection: &Connection| -> rusqlite::Result<()> {
+            connection.execute_batch("BEGIN; DELETE FROM change; DELETE FROM epoch;")?;
+            begin_log(connection, id.to_owned())?;
+            connection.execute_batch("COMMIT")
+        };
+        write(&self.connection).map_err(|error| self.fault(Failure::Sql(error)))
+    }
+}
 
 impl Reader {
     /// Id of this store, drawn when it was created; `None` for one of an older format.
@@ -354,7 +368,7 @@ pub(super) fn add_tables(connection: &Connection) -> rusqlite::Result<()> {
             checksum INTEGER NOT NULL
         ) STRICT;",
     )?;
-    begin_log(connection)
+    begin_log(connection, fresh_id(connection)?)
 }
 
 /// True if a row's checksum, its last value, is that of the others.

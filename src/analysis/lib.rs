@@ -115,7 +115,7 @@
 //!
 //! # Inside
 //!
-//! What is listed below is for programs. Everything else is public for the program `tirante` alone, is not in these
+//! The items listed below are for programs. Everything else is public for the program `tirante` alone, is not in these
 //! pages, and changes without notice. Imports go downward only, from the last line of this list to the first:
 //! * `numerics`    seeds, special functions, polynomials, optimisation, statistics of samples
 //! * `rod`         the tensioned beam, its emulators, the priors of its parameters

@@ -33,7 +33,7 @@ pub struct Sensed<'a> {
     pub record: &'a Record,
 }
 
-/// What several sensors give together.
+/// Findings of several sensors together.
 #[derive(Debug)]
 pub struct ArrayResult {
     /// The identification, or the reason why there is none.

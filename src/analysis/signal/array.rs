@@ -117,7 +117,7 @@ impl Ratio {
     }
 }
 
-/// What the sensors tell of one mode.
+/// Findings of the sensors on one mode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sight {
     /// Ratios of amplitudes, of every sensor that sees the mode clearly enough but the reference.

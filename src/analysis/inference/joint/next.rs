@@ -253,7 +253,7 @@ pub fn worth(
     Ok(found)
 }
 
-/// What is known of the force of each rod by its frequencies alone, and after each candidate, in their order; `done` is called for
+/// Knowledge of the force of each rod by its frequencies alone, and after each candidate, in their order; `done` is called for
 /// every rod.
 ///
 /// # Errors
@@ -312,7 +312,7 @@ fn truths(campaign: &Campaign<'_>, seed: u64) -> Result<Vec<Vec<f64>>, JointErro
         .collect())
 }
 
-/// What is known of the force of one rod.
+/// Knowledge of the force of one rod.
 fn of_rod(
     campaign: &Campaign<'_>,
     candidates: &[Candidate],

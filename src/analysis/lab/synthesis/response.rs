@@ -42,7 +42,7 @@ fn stream_of_mode(seed: u64, index: usize, n: usize) -> ChaCha8Rng {
     stream_of(higher, index, purpose - SENSOR)
 }
 
-/// What a sensor makes of a rod's motion.
+/// Answer of a sensor to a rod's motion.
 pub(super) struct Eye<'a> {
     /// Its noise.
     pub sensor: &'a Sensor,

@@ -36,7 +36,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE", global = true)]
     pub config: Option<PathBuf>,
 
-    /// What to do instead of folding and serving.
+    /// Task instead of folding and serving.
     #[command(subcommand)]
     pub action: Option<Action>,
 }

@@ -43,7 +43,7 @@ pub struct History {
     pub latest_ns: i64,
 }
 
-/// What the centre knows of a site.
+/// Knowledge of the centre of a site.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct SiteState {
     /// Its histories, the current one last.
@@ -219,7 +219,7 @@ impl Centre {
         })
     }
 
-    /// What is known of every site.
+    /// State of every site.
     ///
     /// # Errors
     /// The database refuses.

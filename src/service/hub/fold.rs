@@ -112,7 +112,7 @@ impl Fold {
         }
     }
 
-    /// What is known of each site.
+    /// State of each site.
     pub fn sites(&self) -> &BTreeMap<String, SiteState> {
         &self.sites
     }

@@ -1,7 +1,7 @@
 //! The centre of many sites: folds their logs, as the post delivers them, into one database.
 //!
 //! One message is folded once: the position in the stream and each site's last commit are written in the transaction of the rows.
-//! What cannot be folded is parked with its reason; its site is marked, the others go on. docs/hub.md describes it for operators.
+//! A message that cannot be folded is parked with its reason; its site is marked, the others go on. docs/hub.md describes it for operators.
 
 pub mod centre;
 pub mod feed;

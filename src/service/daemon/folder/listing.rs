@@ -8,7 +8,7 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// What lies under a folder; names and paths are relative to it.
+/// Entry under a folder; names and paths are relative to it.
 pub(super) enum Entry {
     /// A regular file with the name of a recording.
     Recording(OsString, Metadata),

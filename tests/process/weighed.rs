@@ -74,7 +74,7 @@ fn bytes(count: u32) -> Vec<u8> {
         let slow = (18.1 * t).sin() + 0.5 * (61.3 * t).sin();
         (128.0 + 50.0 * slow + f64::from(i.wrapping_mul(2_654_435_761) >> 28)) as u8
     };
-    let period: Vec<u8> = (0..1 << 16).map(of).collect();
+    let period: Vec<u8> = (0..count.min(1 << 16)).map(of).collect();
     data.extend(period.iter().cycle().take(count as usize));
     data
 }

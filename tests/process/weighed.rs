@@ -2,7 +2,6 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
 
-use std::fmt::Write as _;
 use std::fs;
 use std::io::{Read, Write};
 use std::net::Shutdown;
@@ -165,28 +164,7 @@ fn site(rods: usize, more: &str) -> String {
         "[site]\nname = \"Weighed\"\nseed = 11\n[abc]\ndraws = 1000\naccept = {{ quantile = 0.1 }}\n{more}"
     );
     for rod in 0..rods {
-        write!(
-            text,
-            r#"
-[[rod]]
-id = "rod-{rod}"
-length_m = 8.0
-section = "round"
-[rod.priors]
-axial_force_n = {{ mean = 150e3, cv = 0.2 }}
-youngs_modulus_pa = {{ mean = 2.0e11, cv = 0.05 }}
-density_kg_m3 = {{ mean = 7800, cv = 0.01 }}
-diameter_m = {{ mean = 0.04, cv = 0.01 }}
-spring_left_n_m = {{ low = 0, high = 100e3 }}
-spring_right_n_m = {{ low = 0, high = 100e3 }}
-[rod.channel]
-topic = "/rod-{rod}"
-field = "values"
-unit = "m"
-fs_hz = 100.0
-"#
-        )
-        .unwrap();
+        text += &crate::site::rods::rod(&format!("rod-{rod}"), 8.0, "values", 100.0);
     }
     text
 }

@@ -203,6 +203,56 @@ fn confirmed_holes_are_found_to_the_sample() {
 }
 
 #[test]
+fn a_clock_slower_than_declared_loses_nothing() {
+    // Declared rate, error of the clock in ppm, samples in a message, scatter of the stamps in s.
+    for (fs_hz, ppm, size, jitter) in [
+        (1024.0, -100.0, 1024, 0.0),
+        (1024.0, -450.0, 1024, 0.0),
+        (1024.0, 450.0, 1024, 0.0),
+        (1000.0, -600.0, 500, 0.0),
+        (200.0, -1000.0, 1000, 0.0),
+        (5000.0, -30.0, 5000, 0.0),
+        (1000.0, -40.0, 1000, 3e-4),
+        (1000.0, -100.0, 200, 5e-4),
+        (200.0, -300.0, 200, 2e-3),
+    ] {
+        let clean = signal(fs_hz);
+        let true_hz = fs_hz * (1.0 + ppm * 1e-6);
+        let case = format!("{fs_hz} {ppm} {size} {jitter}");
+        for lost in [0usize, 7] {
+            let mut noise = Noise(11);
+            let at = clean.len() / 2 / size * size;
+            let kept = [&clean[..at], &clean[at + lost..]].concat();
+            let messages = stamped(&kept, true_hz, size, |i| {
+                let hole = if i * size >= at {
+                    lost as f64 / true_hz
+                } else {
+                    0.0
+                };
+                hole + jitter * noise.gaussian()
+            });
+            let record = only(&messages, fs_hz, RecordSettings::default());
+            let filled: usize = record.flags.iter().map(filled).sum();
+            assert_eq!(filled, lost, "{case}: {:?}", record.flags);
+            assert_eq!(record.samples.len(), clean.len(), "{case}");
+            let error = (record.fs_hz / true_hz - 1.0).abs();
+            assert!(
+                error < 4.0 * record.clock_sd + 2e-9,
+                "{case} {lost}: {error:e} {:e}",
+                record.clock_sd
+            );
+        }
+    }
+}
+
+fn filled(flag: &Flag) -> usize {
+    match flag {
+        Flag::Filled { samples } => *samples,
+        _ => 0,
+    }
+}
+
+#[test]
 fn the_last_stamp_of_a_window_proves_no_hole() {
     let fs_hz = 200.0;
     let clean = signal(fs_hz);

@@ -9,6 +9,14 @@ use crate::recording::write::Layout;
 
 /// Largest relative difference of two rates that count as equal.
 const RATE_ERROR: f64 = 1e-3;
+/// Rounding of a header's rate above which it is looked at for a round rate.
+const FEW_DIGITS: f64 = 5e-6;
+/// Chance that a round rate lies within the rounding by accident, at most.
+const BY_CHANCE: f64 = 0.1;
+/// Distances of round rates \[Hz\].
+const ROUND_HZ: [f64; 16] = [
+    1.0, 5.0, 10.0, 16.0, 32.0, 50.0, 64.0, 100.0, 128.0, 256.0, 500.0, 512.0, 1000.0, 1024.0, 2048.0, 5000.0,
+];
 
 impl Plan {
     /// Compares the channels with those that a configuration reads.
@@ -112,6 +120,18 @@ fn contradicted(fs_hz: f64, said: f64, told: &str) -> ImportError {
     ))
 }
 
+/// The round rate within the rounding of a written one, where chance would hardly put one there; `None` where there is none, or two.
+fn round_rate(fs_hz: f64, rounding: f64) -> Option<f64> {
+    let width_hz = 2.0 * fs_hz * rounding;
+    let mut found = ROUND_HZ
+        .iter()
+        .filter(|step| width_hz <= BY_CHANCE * **step)
+        .map(|step| (fs_hz / step).round() * step)
+        .filter(|round| *round > 0.0 && (round / fs_hz - 1.0).abs() <= rounding);
+    let first = found.next()?;
+    found.all(|other| other == first).then_some(first)
+}
+
 /// Rate of samples without stamps \[Hz\].
 pub(super) fn rate(
     timing: &Timing,
@@ -132,12 +152,15 @@ pub(super) fn rate(
         (Some(said), _) if !is_near(&said) => Err(contradicted(*fs_hz, said, told)),
         // A header of few digits agrees with the given rate, which is more exact.
         (Some(said), _) if *rounding > 0.0 => Ok(said),
-        (None, Some(of_config)) if *rounding > RATE_ERROR => Ok(of_config),
-        (None, None) if *rounding > RATE_ERROR => Err(ImportError::new(format!(
-            "the file writes the rate of {told} with so few digits ({} Hz give or take {:.1} %) that it is none: --rate HZ says it",
-            rounded(*fs_hz),
-            100.0 * rounding
-        ))),
+        (None, Some(of_config)) if (of_config / fs_hz - 1.0).abs() <= *rounding => Ok(of_config),
+        // A header of three digits makes 1024 Hz 1023.541 Hz, which is as much off as a tie rod changes in a year.
+        _ if *rounding > FEW_DIGITS => round_rate(*fs_hz, *rounding).ok_or_else(|| {
+            ImportError::new(format!(
+                "the file writes the rate of {told} with so few digits ({} Hz give or take {}) that it is none: --rate HZ says it",
+                rounded(*fs_hz),
+                rounded(fs_hz * rounding)
+            ))
+        }),
         // A header of six digits makes 1024 Hz 1024.0004 Hz.
         _ if *rounding > 0.0 => {
             let interval_ns = 1e9 / fs_hz;

@@ -88,6 +88,7 @@ pub fn read(from: impl BufRead, table: &Table) -> Result<Tabled, ImportError> {
     } = Beginning::find(&head, table)?;
     if table.head_lines.is_none() {
         check_head(&head[..layout.first], delimiter)?;
+        layout.check_above(&rows, decimal_comma)?;
     }
     let mut splitter = Splitter::new(delimiter);
     let (names, units) = heads(&rows[..layout.first], &layout, delimiter);
@@ -126,6 +127,13 @@ mod tests {
             Timing::Stamps(stamps) => &stamps.nanos,
             other => panic!("{other:?}"),
         }
+    }
+
+    #[test]
+    fn an_empty_line_of_one_column_is_a_missing_sample() {
+        let found = signals("d\n0.5\n\n0.25\n\n\n0.5\n\n", &Table::default()).unwrap();
+        let finite: Vec<bool> = found[0].values.iter().map(|value| value.is_finite()).collect();
+        assert_eq!(finite, [true, false, true, false, false, true]);
     }
 
     #[test]
@@ -297,6 +305,21 @@ mod tests {
         );
         assert!(refused("01/02/2026|06:00\n0;1.5\n1;2.5\n").starts_with("line 1: looks like data"));
         assert!(refused("").contains("no row of numbers"));
+        // Two columns of time that rise differently; a thermometer that says "wait" while the laser measures.
+        let both = refused("t;time;d\n1;0.005;0.5\n2;0.010;0.25\n");
+        assert!(
+            both.contains("column 1 (t) and column 2 (time)") && both.contains("--time"),
+            "{both}"
+        );
+        assert!(signals("t;time;d\n0.5;0.5;1\n0.75;0.75;2\n", &Table::default()).is_ok());
+        let wait = refused(&format!(
+            "t;d;air\n{}3;1.5;20\n4;2.5;21\n5;1.5;20\n6;2.5;21\n7;1.5;20\n8;2.5;21\n9;1.5;20\n",
+            "1;1.5;wait\n".repeat(4)
+        ));
+        assert!(
+            wait.starts_with("line 2, column 3: \"wait\" is no number"),
+            "{wait}"
+        );
         assert!(refused("a,\"b\n1,2.5\n").contains("quote"));
         assert!(refused("t;d\n01/02/2026 00:00;1.5\n").contains("--dates"));
         assert!(refused("\u{0}PK").contains("no text file"));

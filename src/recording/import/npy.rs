@@ -60,6 +60,15 @@ pub fn read(mut from: impl Read) -> Result<Vec<Signal>, ImportError> {
             .each(&block, header.is_little, push)
             .map_err(|error| ImportError::new(error.to_string()))?;
     }
+    if from
+        .read(&mut [0])
+        .map_err(|error| ImportError::unreadable(&error))?
+        > 0
+    {
+        return Err(ImportError::new(
+            "has more behind its array: another one, or it is damaged; save each array in a file of its own",
+        ));
+    }
     Ok(signals)
 }
 
@@ -315,6 +324,7 @@ mod tests {
         assert!(of("<f8", "(2, 2, 1, 1)").contains("4 dimensions"));
         assert!(of("<f8", "()").contains("0 dimensions"));
         assert!(of("<f8", "(9,)").contains("cut short"));
+        assert!(of("<f8", "(4,)").contains("more behind its array"));
         assert!(of("<f8", "(100, 100)").contains("after 8 of 10000 numbers"));
         assert!(
             refused("{'descr': [('t', '<f8')], 'fortran_order': False, 'shape': (3,)}").contains("fields")

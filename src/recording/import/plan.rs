@@ -176,7 +176,14 @@ impl Plan {
                     Timing::Rate { start, .. } => *start,
                     _ => None,
                 };
-                let start = asked.start.or(of_file).or(asked.start_else);
+                if let (Some(of_file), Some(start)) = (of_file, asked.start)
+                    && of_file != start
+                {
+                    return Err(ImportError::new(format!(
+                        "{told} begins at {of_file} by the file, at {start} by --start: leave --start out"
+                    )));
+                }
+                let start = of_file.or(asked.start).or(asked.start_else);
                 let start = start.ok_or_else(|| no_start(&told))?;
                 (fs_hz, vec![(start, 0..values.len())], None)
             }
@@ -442,5 +449,63 @@ mod tests {
         };
         let found = planned(vec![signal("d", Some("mm"), timing)], &Asked::default()).unwrap();
         assert_eq!(found[0].fs_hz, 1024.0);
+    }
+
+    #[test]
+    fn a_rate_of_few_digits_is_the_round_one_or_none() {
+        let read = |step_s: f64, last_digit_s: f64| {
+            let timing = Timing::Rate {
+                fs_hz: 1.0 / step_s,
+                rounding: 0.5 * last_digit_s / step_s,
+                start: Some(START),
+            };
+            let found = planned(vec![signal("d", Some("mm"), timing)], &Asked::default())?;
+            Ok::<f64, String>(found[0].fs_hz)
+        };
+        for (step_s, last_digit_s, fs_hz) in [
+            (0.000_977, 1e-6, 1024.0),
+            (0.005, 1e-6, 200.0),
+            (0.006_667, 1e-6, 150.0),
+            (0.003_333, 1e-6, 300.0),
+            (0.000_625, 1e-6, 1600.0),
+            (1.953_13e-3, 1e-8, 512.0),
+        ] {
+            assert_eq!(read(step_s, last_digit_s).unwrap(), fs_hz, "{step_s}");
+        }
+        // 1117 to 1119 Hz: nothing round; 0.0005 to one digit: 1000 to 2000 Hz.
+        for (step_s, last_digit_s) in [(0.000_894_4, 1e-6), (0.000_5, 1e-4)] {
+            let error = read(step_s, last_digit_s).unwrap_err();
+            assert!(
+                error.contains("so few digits") && error.contains("--rate"),
+                "{error}"
+            );
+        }
+        // The configuration's rate within the rounding counts.
+        let rods = [reads("d", Unit::Millimetre, "values", 1023.7)];
+        let timing = Timing::Rate {
+            fs_hz: 1.0 / 0.000_977,
+            rounding: 5e-7 / 0.000_977,
+            start: Some(START),
+        };
+        let asked = Asked {
+            rods: &rods,
+            ..Asked::default()
+        };
+        let found = planned(vec![signal("d", Some("mm"), timing)], &asked).unwrap();
+        assert_eq!(found[0].fs_hz, 1023.7);
+    }
+
+    #[test]
+    fn a_start_that_contradicts_the_files_is_refused() {
+        let asked = Asked {
+            start: Some(START.plus_seconds(60.0)),
+            ..Asked::default()
+        };
+        let error = planned(vec![signal("d", Some("mm"), steady(Some(START)))], &asked).unwrap_err();
+        assert!(
+            error.contains("by the file") && error.contains("--start"),
+            "{error}"
+        );
+        assert!(planned(vec![signal("d", Some("mm"), steady(None))], &asked).is_ok());
     }
 }

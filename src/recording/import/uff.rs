@@ -347,6 +347,10 @@ fn date(text: &str, utc_offset_s: i32) -> Option<Timestamp> {
     ];
     let mut parts = text.split_whitespace();
     let (day, clock) = (parts.next()?, parts.next()?);
+    // A third word may be AM or PM, or a zone: free text.
+    if parts.next().is_some() {
+        return None;
+    }
     let mut day = day.split('-');
     let (of_month, month, year) = (day.next()?, day.next()?.to_lowercase(), day.next()?);
     let month = MONTHS.iter().position(|name| *name == month)? + 1;

@@ -40,7 +40,7 @@ pub fn read(mut from: impl Read, full_scale: f64) -> Result<Vec<Signal>, ImportE
         pass(&mut from, u64::from(size % 2))?;
     };
     // Written by programs that do not know the length yet.
-    if bytes == u32::MAX {
+    if bytes == u32::MAX || bytes == 0 {
         return Err(cut_short());
     }
     let frame = format.channels * format.kind.size();
@@ -71,6 +71,18 @@ pub fn read(mut from: impl Read, full_scale: f64) -> Result<Vec<Signal>, ImportE
             .kind
             .each(&block, true, push)
             .map_err(|error| ImportError::new(error.to_string()))?;
+    }
+    // A size that was not brought up to date leaves samples behind the chunk, where another chunk's name belongs.
+    pass(&mut from, u64::from(bytes % 2)).ok();
+    let mut name = Vec::new();
+    from.by_ref()
+        .take(4)
+        .read_to_end(&mut name)
+        .map_err(|error| ImportError::unreadable(&error))?;
+    if name.len() == 4 && !name.iter().all(|byte| byte.is_ascii_graphic() || *byte == b' ') {
+        return Err(ImportError::new(
+            "has more behind its samples than its header says: it was never finished, or is damaged",
+        ));
     }
     let signal = |(index, values)| Signal {
         name: format!("channel-{}", index + 1),

@@ -770,6 +770,16 @@ impl Rod {
     }
 }
 
+/// Nanoseconds of a time that counts whole seconds: programs write 1772344800.0 as 1772344800. Nanoseconds since 1970 it cannot be if
+/// as seconds it lies within a day of the time at which it was logged.
+#[inline]
+fn of_whole_seconds(time: i64, log_time: u64) -> Option<i64> {
+    const DAY_NS: u64 = 86_400_000_000_000;
+    let nanos = time.checked_mul(1_000_000_000).filter(|_| time > 1_000_000_000)?;
+    let is_near = |nanos: i64| u64::try_from(nanos).is_ok_and(|nanos| nanos.abs_diff(log_time) < DAY_NS);
+    (is_near(nanos) && !is_near(time)).then_some(nanos)
+}
+
 impl Route {
     #[inline]
     fn take(
@@ -797,7 +807,7 @@ impl Route {
                 i64::try_from(nanos).map_err(|_| DecodeError::Stamp { nanos })?
             }
         };
-        let time = Timestamp::from_nanos(time);
+        let time = Timestamp::from_nanos(of_whole_seconds(time, message.log_time).unwrap_or(time));
         let unit = channel.unit;
         if self.temperature {
             for &raw in scratch.iter() {

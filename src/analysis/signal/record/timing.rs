@@ -63,6 +63,8 @@ const STRAY_SHARE: f64 = 0.1;
 /// Relative difference of declared and measured rate below which the declared one counts the samples between
 /// stamps.
 const NEAR: f64 = 0.01;
+/// Residual below which stamps are exact \[samples\].
+const EXACT: f64 = 0.02;
 
 impl Stretch {
     pub fn push(&mut self, time: i64, values: &[f64]) {
@@ -187,7 +189,6 @@ pub(super) fn even(
         return Err(irregular(f64::INFINITY));
     };
     let size = median_size(&sizes);
-    let mut holes = Offsets::of(&times, &sizes, rough_slope(&times, &sizes, dt, declared_hz), size).holes();
     // More holes than samples is no record, and no memory for it.
     let too_many = |holes: &Holes| {
         let all = holes
@@ -198,17 +199,42 @@ pub(super) fn even(
             allowed: settings.max_missing,
         })
     };
-    if let Some(rejection) = too_many(&holes) {
-        return Err(rejection);
-    }
-    let mut line = regress(&times, &sizes, &holes);
-    if !holes.is_empty() {
-        // With the rate known well, once more.
-        holes = Offsets::of(&times, &sizes, line.slope, size).holes();
+    let count_lost = |slope| {
+        let mut holes = Offsets::of(&times, &sizes, slope, size).holes();
         if let Some(rejection) = too_many(&holes) {
             return Err(rejection);
         }
-        line = regress(&times, &sizes, &holes);
+        let mut line = regress(&times, &sizes, &holes);
+        if !holes.is_empty() {
+            // With the rate known well, once more.
+            holes = Offsets::of(&times, &sizes, line.slope, size).holes();
+            if let Some(rejection) = too_many(&holes) {
+                return Err(rejection);
+            }
+            line = regress(&times, &sizes, &holes);
+        }
+        Ok((holes, line))
+    };
+    let own = rough_slope(&times, &sizes, dt);
+    let told = declared_hz
+        .map(|fs_hz| 1e9 / fs_hz)
+        .filter(|told| (told / own - 1.0).abs() < NEAR);
+    let (mut holes, mut line) = count_lost(told.unwrap_or(own))?;
+    if told.is_some() && !holes.is_empty() {
+        // Against the declared rate, a slow clock looks like losses: they stand unless the stamps' own rate explains the stamps better.
+        let misfit =
+            |(holes, line): &(Holes, Line)| misfit(line, points(&times, &sizes, holes), holes.len(), dt);
+        let mut best = (holes, line);
+        let mut least = misfit(&best);
+        for slope in [own, dt] {
+            if let Ok(other) = count_lost(slope)
+                && misfit(&other) < least
+            {
+                least = misfit(&other);
+                best = other;
+            }
+        }
+        (holes, line) = best;
     }
     let jitter = line.scatter / (dt * size);
     // A line that does not rise is no clock.
@@ -252,9 +278,19 @@ pub(super) fn even(
     })
 }
 
-/// Nanoseconds per sample, before holes are known: the declared rate where the stamps agree, else the mean of
-/// the intervals without a hole, else (widely scattered stamps) the median over many messages.
-fn rough_slope(times: &[i64], sizes: &[u32], dt: f64, declared_hz: Option<f64>) -> f64 {
+/// Distance of stamps from a line with holes, less is better: sum of ln(q^2 + r^2) over the residuals r in samples, which single strays
+/// hardly move, and 2 ln n for each of the holes among n messages, the price of a place and a size in Schwarz's criterion.
+fn misfit(line: &Line, points: impl Iterator<Item = (f64, f64)>, holes: usize, dt: f64) -> f64 {
+    let (count, sum) = points.fold((0.0, 0.0), |(count, sum), point| {
+        let off = line.late(point) / dt;
+        (count + 1.0, sum + libm::log(EXACT * EXACT + off * off))
+    });
+    sum + 2.0 * holes as f64 * libm::log(count)
+}
+
+/// Nanoseconds per sample by the stamps alone, before holes are known: the mean of the intervals without a hole, else (widely
+/// scattered stamps) the median over many messages.
+fn rough_slope(times: &[i64], sizes: &[u32], dt: f64) -> f64 {
     let gap = |i: usize| times[i + 1].saturating_sub(times[i]) as f64;
     let (mut time, mut samples) = (0.0, 0.0);
     for (i, &size) in sizes[..sizes.len() - 1].iter().enumerate() {
@@ -267,7 +303,7 @@ fn rough_slope(times: &[i64], sizes: &[u32], dt: f64, declared_hz: Option<f64>) 
     let mut off: Vec<f64> = (0..times.len() - 1)
         .map(|i| (gap(i) / (dt * f64::from(sizes[i])) - 1.0).abs())
         .collect();
-    let slope = if samples > 0.0 && median(&mut off) < 0.15 {
+    if samples > 0.0 && median(&mut off) < 0.15 {
         time / samples
     } else {
         let lag = 32.min(times.len() / 4).max(1);
@@ -282,11 +318,7 @@ fn rough_slope(times: &[i64], sizes: &[u32], dt: f64, declared_hz: Option<f64>) 
             .collect();
         let slope = median(&mut slopes);
         if slope > 0.0 { slope } else { dt }
-    };
-    declared_hz
-        .map(|fs_hz| 1e9 / fs_hz)
-        .filter(|declared| (declared / slope - 1.0).abs() < NEAR)
-        .unwrap_or(slope)
+    }
 }
 
 pub(super) fn too_short(duration_s: f64, settings: &RecordSettings) -> Rejection {

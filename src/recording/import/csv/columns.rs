@@ -86,7 +86,10 @@ impl Columns {
         let time = match &table.time {
             TimeColumn::None => Vec::new(),
             TimeColumn::Named(columns) => columns.iter().map(find).collect::<Result<_, _>>()?,
-            TimeColumn::Found => found_time(&names, first),
+            TimeColumn::Found => {
+                let next = rows.get(layout.first + 1).map(Vec::as_slice).unwrap_or_default();
+                found_time(&names, [first, next], decimal_comma)?
+            }
         };
         let of_head = time
             .first()
@@ -167,13 +170,14 @@ impl Columns {
     }
 
     pub(super) fn push(&mut self, row: &[String], line: u32) -> Result<(), ImportError> {
-        // Without stamps, a line of delimiters alone is a missing sample.
-        if row.is_empty() || (is_blank(row) && !self.time.is_empty()) {
+        // Without stamps, a line of delimiters alone is a missing sample; of one column, an empty line.
+        let is_sample = self.time.is_empty() && (self.width == 1 || !row.is_empty());
+        if is_blank(row) && !is_sample {
             return Ok(());
         }
         self.blank_at_end = if is_blank(row) { self.blank_at_end + 1 } else { 0 };
         let has_more = row.iter().skip(self.width).any(|cell| !cell.is_empty());
-        if has_more || row.len() < self.needed {
+        if has_more || row.len() < self.needed && !is_blank(row) {
             return Err(ImportError::at(
                 format_args!("line {line}"),
                 format!("{} columns, {} in the rows before", row.len(), self.width),
@@ -322,7 +326,12 @@ impl Columns {
 }
 
 /// Column called the time; with a column of days beside it, both.
-fn found_time(names: &[String], first: &[String]) -> Vec<usize> {
+/// Columns of the time by their names, from the first two rows: a day and a clock, or one that is called the time.
+fn found_time(
+    names: &[String],
+    [first, next]: [&[String]; 2],
+    decimal_comma: bool,
+) -> Result<Vec<usize>, ImportError> {
     let called = |words: &[&str]| {
         let is_called = |name: &String| words.contains(&name.trim().to_lowercase().as_str());
         names.iter().position(is_called)
@@ -334,13 +343,31 @@ fn found_time(names: &[String], first: &[String]) -> Vec<usize> {
     let is_clock = |place: &usize| first.get(*place).is_some_and(|cell| cell.contains(':'));
     let day = called(&["date", "datum", "data", "day", "tag", "giorno"]).filter(is_day);
     let clock = called(&["time", "uhrzeit", "zeit", "ora", "heure", "clock", "tempo"]).filter(is_clock);
-    match (day, clock) {
-        (Some(day), Some(clock)) => vec![day, clock],
-        _ => names
-            .iter()
-            .position(|name| is_time_name(name))
-            .into_iter()
-            .collect(),
+    if let (Some(day), Some(clock)) = (day, clock) {
+        return Ok(vec![day, clock]);
+    }
+    let rise = |place: usize| {
+        let of = |row: &[String]| row.get(place).and_then(|cell| number(cell, decimal_comma));
+        Some(of(next)? - of(first)?)
+    };
+    let mut called =
+        (0..names.len()).filter(|place| names.get(*place).is_some_and(|name| is_time_name(name)));
+    let Some(time) = called.next() else {
+        return Ok(Vec::new());
+    };
+    // A count of rows, or the time in another unit.
+    let differs = |other: &usize| {
+        let (a, b) = (rise(time), rise(*other));
+        a.zip(b)
+            .is_some_and(|(a, b)| (a - b).abs() > 1e-3 * a.abs().max(b.abs()))
+    };
+    match called.find(differs) {
+        Some(other) => Err(ImportError::new(format!(
+            "{} and {} may both be the time, and rise differently: --time NAME says which",
+            shown_name(time, names),
+            shown_name(other, names)
+        ))),
+        None => Ok(vec![time]),
     }
 }
 

@@ -3,8 +3,11 @@
 use super::cells::{is_missing, is_value};
 use crate::analysis::signal::record::Unit;
 use crate::recording::import::heads::{some, split_head};
-use crate::recording::import::{TimeUnit, is_time_name};
+use crate::recording::import::lines::shown;
+use crate::recording::import::{ImportError, TimeUnit, is_time_name};
 
+/// Most lines of heads that have numbers.
+const HEADS: usize = 2;
 /// Number of rows that define the layout.
 const SHOWN: usize = 10;
 
@@ -71,6 +74,35 @@ impl Layout {
             is_text,
         };
         layout.is_value.contains(&true).then_some(layout)
+    }
+
+    /// Returns an error if rows just above the first that fits are data with text in some of their columns: they would be lost for all.
+    pub(super) fn check_above(&self, rows: &[Vec<String>], decimal_comma: bool) -> Result<(), ImportError> {
+        let is_data = |row: &[String]| {
+            let (misfits, has_any) = self.misfits(row, decimal_comma);
+            row.len() == self.width && has_any && misfits > 0 && misfits < self.values()
+        };
+        let above = rows.get(..self.first).unwrap_or_default();
+        let count = above.iter().rev().take_while(|row| is_data(row)).count();
+        let Some(row) = above.get(above.len() - count).filter(|_| count > HEADS) else {
+            return Ok(());
+        };
+        let misfit = row
+            .iter()
+            .enumerate()
+            .zip(&self.is_value)
+            .find(|((_, cell), is_value)| {
+                **is_value && !is_missing(cell) && !super::cells::is_value(cell, decimal_comma)
+            });
+        let (column, cell) = misfit.map_or((0, ""), |((column, cell), _)| (column, cell));
+        Err(ImportError::at(
+            format_args!("line {}, column {}", above.len() - count + 1, column + 1),
+            format!(
+                "{} is no number, those below are: leave it empty, name the columns that are wanted (--channel), or say where the data begin (--head-lines {})",
+                shown(cell),
+                self.first
+            ),
+        ))
     }
 
     /// Number of columns of numbers or times.

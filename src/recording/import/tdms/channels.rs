@@ -121,7 +121,10 @@ fn timing(object: &Object, stamps: Option<&Arc<Stamps>>) -> Timing {
         .number("wf_increment")
         .filter(|step| step.is_finite() && *step > 0.0);
     let fs_hz = step_s.map(|step| 1.0 / step).filter(|fs_hz| fs_hz.is_finite());
-    if let Some(fs_hz) = fs_hz {
+    let own = stamps.filter(|stamps| stamps.nanos.len() == object.values.len());
+    // Stamps count more than a step that contradicts them: single points are written with the default step of 1.
+    let contradicts = |fs_hz: f64| own.is_some_and(|stamps| !has_step(stamps, 1e9 / fs_hz));
+    if let Some(fs_hz) = fs_hz.filter(|fs_hz| !contradicts(*fs_hz)) {
         let start = match object.properties.get("wf_start_time") {
             // Waveforms without a time of their own begin in 1904.
             Some(Property::Stamp(nanos)) if *nanos > 0 => Some(Timestamp::from_nanos(*nanos)),
@@ -136,10 +139,21 @@ fn timing(object: &Object, stamps: Option<&Arc<Stamps>>) -> Timing {
             start: start.map(|start| start.plus_seconds(offset_s.unwrap_or(0.0))),
         };
     }
-    match stamps {
-        Some(stamps) if stamps.nanos.len() == object.values.len() => Timing::Stamps(Arc::clone(stamps)),
-        _ => Timing::Unknown,
-    }
+    own.map_or(Timing::Unknown, |stamps| Timing::Stamps(Arc::clone(stamps)))
+}
+
+/// True if the stamps rise by this step in the middle, to a thousandth.
+fn has_step(stamps: &Stamps, step_ns: f64) -> bool {
+    let mut steps: Vec<i64> = stamps
+        .nanos
+        .windows(2)
+        .map(|pair| pair[1].saturating_sub(pair[0]))
+        .collect();
+    steps.sort_unstable();
+    let resolution_ns = stamps.resolution_ns.max(1) as f64;
+    steps
+        .get(steps.len() / 2)
+        .is_none_or(|middle| (*middle as f64 - step_ns).abs() <= resolution_ns.max(1e-3 * step_ns))
 }
 
 fn stamps_of(object: Object, unit: TimeUnit) -> Result<Stamps, ImportError> {

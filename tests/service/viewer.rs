@@ -454,7 +454,7 @@ impl Daemon {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        let (mut page, mut socket) = (None, None);
+        let (mut page, mut socket, mut is_ready) = (None, None, false);
         let mut log = BufReader::new(child.stderr.take().unwrap()).lines();
         for line in log.by_ref().map_while(Result::ok) {
             let after = |words: &str| {
@@ -463,7 +463,9 @@ impl Daemon {
             };
             page = page.or_else(|| after("metrics at http://"));
             socket = socket.or_else(|| after("listening at "));
-            if line.contains("ready") {
+            is_ready |= line.contains("ready");
+            // The socket's line may come after it.
+            if is_ready && page.is_some() && socket.is_some() {
                 break;
             }
         }

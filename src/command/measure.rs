@@ -266,7 +266,15 @@ fn told(config: &Config, outcome: &Outcome, width: Option<usize>) -> String {
         Outcome::Rejected(rejected) => {
             text += &findings::refused(rejected);
             if matches!(rejected.rejection, Rejection::NoLabel { .. }) {
-                text += "\n  A force expected may decide: --force '20..200 kN'\n";
+                let has_orders = picture
+                    .as_ref()
+                    .is_some_and(|picture| !picture.candidates.is_empty());
+                text += match has_orders {
+                    true => "\n  A force expected may decide: --force '20..200 kN'\n",
+                    false => {
+                        "\n  Check length, section and material; a force expected may decide, too:\n  --force '20..200 kN'\n"
+                    }
+                };
             }
             if !plot.is_empty() {
                 text += &format!("\n{plot}");

@@ -13,7 +13,7 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   tirante check site.toml && tirante run --config site.toml
-  tirante run --config site.toml --set store.path=/var/lib/tirante/site.db \\
+  tirante run --config site.toml --set 'store.path=\"/var/lib/tirante/site.db\"' \\
       --threads 1
   systemctl start tirante            # as the package installs it
 

@@ -2,85 +2,42 @@
 //! recordings and with stand-ins for a user's own files. Those that cannot run here are parsed, each with its reason.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
+use crate::scenes;
 use crate::site::{Site, campaign, text};
-use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::LazyLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{LazyLock, Mutex};
+use std::thread;
+use std::time::Instant;
 
 /// Examples that are parsed but not run, by a part of their text, with the reason.
-const NOT_RUN: [(&str, &str); 26] = [
-    ("tirante run ", "serves until it is stopped: tests/process"),
+const NOT_RUN: [(&str, &str); 4] = [
     (
-        "tirante serve ",
-        "serves until it is stopped: tests/service/page.rs",
-    ),
-    (
-        "tirante send ",
-        "needs a daemon that listens: tests/service/send.rs",
-    ),
-    (
-        "tirante alarm test",
-        "sends to the sinks of a configuration: tests/service/alerts",
-    ),
-    (
-        "tirante measure laser.csv\n",
-        "asks at a terminal: tests/command/measure.rs",
-    ),
-    (
-        "tirante init laser.mcap --out site.toml\n",
-        "asks at a terminal, as `measure` does",
-    ),
-    (
-        "tirante fleet",
-        "an archive of many sites: tests/command/fleet.rs",
-    ),
-    ("results/duomo", "a result of a fleet: tests/command/fleet.rs"),
-    ("tirante hub", "a post and a centre: tests/process/hub"),
-    ("--config todi.toml", "the configuration of a user's site"),
-    ("--from-store", "a store with its records' findings: tests/site"),
-    ("rods.toml", "a configuration in two files: tests/config"),
-    (
-        "tuesday.tdms",
-        "a proprietary file: tests/command/import_cli.rs reads one",
-    ),
-    ("/data/2026", "a folder of an installation"),
-    ("/etc/tirante", "a file of an installation"),
-    ("[--rod ID]", "a synopsis"),
-    ("ALARM", "a synopsis"),
-    ("[--reason TEXT]", "a synopsis"),
-    ("--store site.db FILE", "a synopsis"),
-    (
-        "--format parquet",
+        "parquet",
         "needs a build with --features parquet: tests/command/exports.rs",
     ),
     (
         "tirante alarm prove",
-        "years of simulated sites: minutes to an hour",
-    ),
-    ("tirante study", "half a minute and more"),
-    ("tirante plan", "a minute"),
-    (
-        "--config config/daemon.toml",
-        "needs the store of the README's daemon: tests/process",
+        "years of simulated sites, minutes to an hour each: tests/command/cli.rs runs a small one",
     ),
     (
-        "hammer.tdms",
-        "a proprietary file: tests/command/import_cli.rs reads one",
+        "tirante study",
+        "minutes of processor time: tests/analysis/study.rs",
     ),
     (
-        "laser.mat",
-        "a proprietary file: tests/recording/import.rs reads one",
+        "tirante plan",
+        "minutes of processor time: tests/analysis/rod_tests.rs plans",
     ),
 ];
 
 /// One rod as its owner describes it, with the names that examples use.
-const FACTS: [&str; 6] = ["--length", "9.5", "--section", "d45", "--material", "iron"];
+pub const FACTS: [&str; 6] = ["--length", "9.5", "--section", "d45", "--material", "iron"];
 
 /// A site with alarms, for the examples that read a store.
-static FOLLOWED: LazyLock<Site> = LazyLock::new(|| {
+pub static FOLLOWED: LazyLock<Site> = LazyLock::new(|| {
     let site = campaign();
     let config = fs::read_to_string(site.path("site.toml")).unwrap() + "\n[store]\npath = \"site.db\"\n";
     fs::write(site.path("site.toml"), config).unwrap();
@@ -88,34 +45,50 @@ static FOLLOWED: LazyLock<Site> = LazyLock::new(|| {
     site
 });
 
+/// Examples run at once.
+const AT_ONCE: usize = 3;
+
+/// With `EXAMPLE` set to a part of their text, only those examples.
 #[test]
 fn every_example_runs_as_printed() {
     let examples = all();
     assert!(examples.len() > 60, "{}", examples.len());
-    let of = |example: &str| {
-        NOT_RUN
-            .iter()
-            .map(|(part, _)| *part)
-            .find(|part| format!("{example}\n").contains(part))
-    };
-    let used: BTreeSet<&str> = examples.keys().filter_map(|example| of(example)).collect();
-    let unused: Vec<_> = NOT_RUN
+    let left_out = |example: &str| NOT_RUN.iter().find(|(part, _)| example.contains(part));
+    let used = |part: &str| examples.keys().any(|example| example.contains(part));
+    let unused: Vec<&str> = NOT_RUN
         .iter()
-        .map(|(part, _)| part)
-        .filter(|part| !used.contains(*part))
+        .map(|(part, _)| *part)
+        .filter(|part| !used(part))
         .collect();
-    // Each in a folder of its own, so some run at once.
-    let failures: Vec<String> = examples
-        .par_iter()
-        .filter_map(|(example, source)| {
-            let outcome = if of(example).is_some() {
-                parsed(example)
-            } else {
-                run(example)
-            };
-            outcome.err().map(|why| format!("{source}: {example}\n{why}"))
-        })
+    let has_peers = scenes::has_peers();
+    let only = std::env::var("EXAMPLE").unwrap_or_default();
+    let (next, failures) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    let all: Vec<(&String, &String)> = examples
+        .iter()
+        .filter(|(example, _)| example.contains(&only))
         .collect();
+    // Some wait for a recording to be played, or for a daemon.
+    thread::scope(|scope| {
+        for _ in 0..AT_ONCE {
+            scope.spawn(|| {
+                while let Some((example, source)) = all.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let begun = Instant::now();
+                    let outcome = match left_out(example) {
+                        Some(_) => parsed(example),
+                        None => run(example, has_peers),
+                    };
+                    eprintln!("{:6.1} s  {example}", begun.elapsed().as_secs_f64());
+                    if let Err(why) = outcome {
+                        failures
+                            .lock()
+                            .unwrap()
+                            .push(format!("{source}: {example}\n{why}"));
+                    }
+                }
+            });
+        }
+    });
+    let failures = failures.into_inner().unwrap();
     assert!(
         failures.is_empty(),
         "{} fail:\n{}",
@@ -232,7 +205,7 @@ fn parsed(example: &str) -> Result<(), String> {
 }
 
 /// Runs an example in a folder of its own. Stand-in files may hold a record that is refused.
-fn run(example: &str) -> Result<(), String> {
+fn run(example: &str, has_peers: bool) -> Result<(), String> {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -252,6 +225,14 @@ fn run(example: &str) -> Result<(), String> {
     .contains(&command)
         || example.contains("--against");
     let mut example = example.to_owned();
+    stand_ins(at, &example);
+    if let Some(line) = scenes::staged(at, &example) {
+        if !has_peers {
+            eprintln!("left out, for want of bwrap, script, nats-server or jq: {example}");
+            return parsed(&example);
+        }
+        return finished(scenes::sandboxed(at), &line, &[0, 3]);
+    }
     if is_about_a_store {
         for name in ["site.db", "todi.db", "campaign.db"] {
             fs::copy(FOLLOWED.path("site.db"), at.join(name)).unwrap();
@@ -260,10 +241,9 @@ fn run(example: &str) -> Result<(), String> {
         // The id of an alarm that this store has.
         let alarms = FOLLOWED.history("site.db", "alarms");
         example = example.replace("5f1d0c7a9e3b2468", alarms[0]["id"].as_str().unwrap());
-    } else {
-        stand_ins(at, &example);
     }
-    let uses_stand_in = !example.contains("recordings/") && !is_about_a_store;
+    let uses_stand_in =
+        (!example.contains("recordings/") || example.contains("todi.toml")) && !is_about_a_store;
     let good: &[i32] = if uses_stand_in { &[0, 3] } else { &[0] };
     shell(&example, at, good)
 }
@@ -340,11 +320,10 @@ fn stand_ins(at: &Path, example: &str) {
         .collect();
     fs::write(at.join("weather.csv"), format!("time,temperature_c\n{weather}")).unwrap();
 
+    scenes::foreign_files(at, &samples);
+
     // The recordings and the configuration are made by the program itself.
-    let quiet = |words: &[&str]| {
-        let output = program(at).args(words).output().unwrap();
-        assert!(output.status.success(), "{words:?}: {}", text(&output.stderr));
-    };
+    let quiet = |words: &[&str]| quiet(at, words);
     let laser = at.join("own.csv");
     let lines: String = samples
         .iter()
@@ -372,7 +351,9 @@ fn stand_ins(at: &Path, example: &str) {
         "recording.mcap",
     ] {
         let writes = [format!("--out {name}"), format!("--out {name} ")];
-        if example.contains(name) && !writes.iter().any(|words| example.contains(words.as_str())) {
+        // Scenes begin with one, too.
+        let is_there = example.contains(name) || name == "laser.mcap";
+        if is_there && !writes.iter().any(|words| example.contains(words.as_str())) {
             // Without a configuration the built-in rod is looked for.
             let own = at.join("own.mcap");
             let pull = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/todi-pull.mcap");
@@ -380,7 +361,10 @@ fn stand_ins(at: &Path, example: &str) {
             fs::copy(if is_own { own } else { pull }, at.join(name)).unwrap();
         }
     }
-    if example.contains("--config site.toml") || example.contains("check site.toml") {
+    if ["--config site.toml", "check site.toml", "check rods.toml"]
+        .iter()
+        .any(|part| example.contains(part))
+    {
         let id = example
             .split("--rod ")
             .nth(1)
@@ -388,6 +372,23 @@ fn stand_ins(at: &Path, example: &str) {
             .unwrap_or("nave-3");
         let words = ["init", "own.mcap", "--id", id, "--out", "site.toml"];
         quiet(&[&words[..], &FACTS].concat());
+        fs::copy(at.join("site.toml"), at.join("rods.toml")).unwrap();
+    }
+    if example.contains("todi.toml") {
+        // The recordings of one site.
+        fs::remove_file(at.join("recordings")).unwrap();
+        fs::create_dir(at.join("recordings")).unwrap();
+        let pull = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/todi-pull.mcap");
+        fs::copy(pull, at.join("recordings/todi-pull.mcap")).unwrap();
+        let words = [
+            "init",
+            "recordings/todi-pull.mcap",
+            "--out",
+            "todi.toml",
+            "--length",
+            "14",
+        ];
+        quiet(&[&words[..], &["--section", "s70", "--material", "iron"]].concat());
     }
     for name in ["own.csv", "own.mcap"] {
         fs::remove_file(at.join(name)).unwrap();
@@ -443,7 +444,13 @@ fn program(at: &Path) -> Command {
     command
 }
 
-fn surroundings(command: &mut Command, at: &Path) {
+/// Runs the program for what an example finds there.
+pub fn quiet(at: &Path, words: &[&str]) {
+    let output = program(at).args(words).output().unwrap();
+    assert!(output.status.success(), "{words:?}: {}", text(&output.stderr));
+}
+
+pub fn surroundings(command: &mut Command, at: &Path) {
     command
         .current_dir(at)
         .env("TIRANTE_CACHE_DIR", env!("CARGO_TARGET_TMPDIR"))
@@ -462,10 +469,15 @@ fn shell(line: &str, at: &Path, good: &[i32]) -> Result<(), String> {
             fs::create_dir_all(at.join(folder)).unwrap();
         }
     }
-    let here = Path::new(env!("CARGO_BIN_EXE_tirante")).parent().unwrap();
-    let paths = format!("{}:{}", here.display(), std::env::var("PATH").unwrap_or_default());
     let mut command = Command::new("sh");
     surroundings(&mut command, at);
+    finished(command, line, good)
+}
+
+/// Runs a line in this shell to its end.
+pub fn finished(mut command: Command, line: &str, good: &[i32]) -> Result<(), String> {
+    let here = Path::new(env!("CARGO_BIN_EXE_tirante")).parent().unwrap();
+    let paths = format!("{}:{}", here.display(), std::env::var("PATH").unwrap_or_default());
     let output = command.args(["-c", line]).env("PATH", paths).output().unwrap();
     match output.status.code() {
         Some(code) if good.contains(&code) => Ok(()),

@@ -15,6 +15,7 @@ mod import_cli;
 mod measure;
 mod report;
 mod same_numbers;
+mod scenes;
 mod spectrum_cli;
 mod synthetic;
 mod tracking_cli;

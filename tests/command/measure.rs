@@ -191,6 +191,33 @@ fn a_force_in_doubt_bears_its_mark_and_orders_in_doubt_give_none() {
     assert!(at.join("unknown/todi-pull.toml").exists() && at.join("unknown/todi-pull.html").exists());
 }
 
+/// A section that cannot be right: no force, and the report says why on its first page, with the facts and a line to sign.
+#[test]
+fn a_rod_without_a_force_says_what_to_check() {
+    let folder = tempfile::tempdir().unwrap();
+    let flags = ["--length", "9.5", "--section", "d500", "--material", "steel"];
+    let (code, out, _) = measure(folder.path(), &shipped("aisle.mcap"), &flags);
+    assert_eq!(code, Some(3), "{out}");
+    assert!(
+        out.contains("no-label") && out.contains("Check length, section and material"),
+        "{out}"
+    );
+    let page = read(folder.path(), "aisle.html");
+    for wanted in [
+        "No force",
+        "diameter",
+        "500 mm",
+        "cannot number the modes",
+        "Signature",
+    ] {
+        assert!(page.contains(wanted), "no {wanted}");
+    }
+    // Tables of a rod that is followed say nothing of one that was measured once.
+    for unwanted in ["All rods", "Baselines", "None so far"] {
+        assert!(!page.contains(unwanted), "{unwanted}");
+    }
+}
+
 #[test]
 fn what_is_not_said_is_named_by_its_flags_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();

@@ -548,6 +548,7 @@ fn sources(live: &Live, folder: Option<&Path>) -> Sources {
             folder: live.folder.clone(),
             handle: live.journal.handle(),
             results_kept: live.journal.results_kept(),
+            signals: Arc::default(),
         }),
     }
 }

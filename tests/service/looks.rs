@@ -5,7 +5,7 @@
 use crate::browser::{Browser, DRAWN, drawn_is_data};
 use crate::server::Server;
 use crate::site::{Part, SITE, Site, campaign, copy, noon, text};
-use serde_json::json;
+use serde_json::{Value as Json, json};
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -164,13 +164,26 @@ fn look(browser: &Browser, width: u32, is_dark: bool) {
     }
 }
 
-/// With `LOOKS` set to a folder, every view is written there as a picture.
+/// Rules of WCAG 2.2 (A, AA) and good practice that a document breaks, each with the first places, as axe-core finds them.
+fn barriers(browser: &Browser, axe: &str) -> Json {
+    browser.run(&format!("if (!window.axe) {{ {axe} }}"));
+    let script = "const done = arguments[0];
+        axe.run().then((found) => done(found.violations.map((rule) => [rule.id, rule.help,
+          rule.nodes.slice(0, 3).map((node) => node.html.slice(0, 200) + ' ' + node.failureSummary)])),
+          (error) => done(String(error)));";
+    browser.post("/execute/async", &json!({"script": script, "args": []}))
+}
+
+/// With `LOOKS` set to a folder, every view is written there as a picture. With `AXE` set to the file `axe.min.js` of axe-core, every
+/// view is examined by it.
 #[test]
 fn every_state_is_shown_as_it_is() {
     let Some(browser) = Browser::start(1400, 900, false) else {
         return;
     };
     let folder = std::env::var_os("LOOKS").map(PathBuf::from);
+    let axe =
+        std::env::var_os("AXE").map(|path| std::fs::read_to_string(path).expect("AXE names axe.min.js"));
     for state in states() {
         let server = Server::of(&state.site, "site.db");
         for (path, name, ready, words) in &state.pages {
@@ -196,10 +209,19 @@ fn every_state_is_shown_as_it_is() {
                         browser.run("return document.documentElement.scrollWidth - window.innerWidth");
                     assert!(wider.as_i64().unwrap() <= 0, "{view} is {wider} px too wide");
                     let cut = browser.run(
-                        "return [...document.querySelectorAll('.facts > div, .note, h1, h2, figcaption')]
+                        "return [...document.querySelectorAll('.facts > div, .note, h1, h2, figcaption, .scroll')]
                          .filter((e) => e.scrollWidth > e.clientWidth).map((e) => e.innerText)",
                     );
                     assert_eq!(cut, json!([]), "{view}: cut off");
+                    // A heading has something beneath it, and a choice something to choose.
+                    let empty = browser.run(
+                        "const seen = (e) => e.checkVisibility();
+                         const all = [...document.querySelectorAll('#content > *')].filter(seen);
+                         return [...all.filter((e, i) => e.tagName === 'H2' && (!all[i + 1] || all[i + 1].tagName === 'H2')).map((e) => e.innerText)
+                           .filter((words) => words !== 'No record identified yet'),
+                           ...[...document.querySelectorAll('select')].filter((e) => seen(e) && !e.options.length).map((e) => e.id)]",
+                    );
+                    assert_eq!(empty, json!([]), "{view}: empty");
                     // Sum of all shifts that no one asked for: more than 0.1 disturbs reading (web.dev/cls).
                     let shift = browser.run(
                         "let sum = 0; const seen = new PerformanceObserver(() => {});
@@ -208,6 +230,9 @@ fn every_state_is_shown_as_it_is() {
                          return sum",
                     );
                     assert!(shift.as_f64().unwrap() < 0.1, "{view}: {shift}");
+                    if let Some(axe) = &axe {
+                        assert_eq!(barriers(&browser, axe), json!([]), "{view}");
+                    }
                     if let Some(folder) = &folder {
                         std::fs::create_dir_all(folder).unwrap();
                         browser.screenshot(&folder.join(format!("{view}.png")), 8000);

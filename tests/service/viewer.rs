@@ -6,12 +6,14 @@ use crate::server::Server;
 use crate::site::{Part, SITE, Site, campaign, lines};
 use serde_json::{Value as Json, json};
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::ErrorKind;
-use std::net::TcpStream;
+use std::io::{BufRead, BufReader, ErrorKind};
+use std::net::{SocketAddr, TcpStream};
+use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 use tirante::analysis::signal::record::RodId;
 use tirante::service::viewer::{self, Feed, Topic};
 use tirante::site::store::{Durability, Reader, Store};
+use tirante::{Config, Event, Others, Records};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::{Message as Frame, WebSocket};
 
@@ -20,9 +22,11 @@ const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Connects a viewer; the status of the answer if it is refused.
 fn connect(server: &Server, protocol: &str, origin: Option<&str>) -> Result<Viewer, u16> {
-    let mut request = format!("ws://{}/viewer", server.address)
-        .into_client_request()
-        .unwrap();
+    connect_to(server.address, protocol, origin)
+}
+
+fn connect_to(address: SocketAddr, protocol: &str, origin: Option<&str>) -> Result<Viewer, u16> {
+    let mut request = format!("ws://{address}/viewer").into_client_request().unwrap();
     let headers = request.headers_mut();
     if !protocol.is_empty() {
         headers.insert("Sec-WebSocket-Protocol", protocol.parse().unwrap());
@@ -30,7 +34,7 @@ fn connect(server: &Server, protocol: &str, origin: Option<&str>) -> Result<View
     if let Some(origin) = origin {
         headers.insert("Origin", origin.parse().unwrap());
     }
-    let stream = TcpStream::connect(server.address).unwrap();
+    let stream = TcpStream::connect(address).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
     match tungstenite::client(request, stream) {
         Ok((socket, answer)) => {
@@ -430,6 +434,116 @@ fn a_viewer_that_takes_nothing_holds_up_nobody() {
     // It reads long after: the content of the buffers, and then the end, since it was cut off.
     std::thread::sleep(Duration::from_secs(40).saturating_sub(asked.elapsed()));
     assert_cut_off(&mut slow);
+}
+
+/// `tirante run` with sockets of its own, killed when this is dropped.
+struct Daemon {
+    child: Child,
+    page: SocketAddr,
+    socket: String,
+}
+
+impl Daemon {
+    fn start(site: &Site) -> Self {
+        let more = "[store]\npath = \"site.db\"\n[http]\nlisten = \"127.0.0.1:0\"\n[ingest]\nlisten = [\"tcp://127.0.0.1:0\"]\n";
+        std::fs::write(site.path("run.toml"), format!("{SITE}{more}")).unwrap();
+        let mut command = site.command(&["run", "--config", "run.toml"]);
+        let mut child = command
+            .env("TIRANTE_LOG", "info")
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let (mut page, mut socket, mut is_ready) = (None, None, false);
+        let mut log = BufReader::new(child.stderr.take().unwrap()).lines();
+        for line in log.by_ref().map_while(Result::ok) {
+            let after = |words: &str| {
+                let rest = line.split(words).nth(1)?;
+                rest.split_whitespace().next().map(str::to_owned)
+            };
+            page = page.or_else(|| after("metrics at http://"));
+            socket = socket.or_else(|| after("listening at "));
+            is_ready |= line.contains("ready");
+            // The socket's line may come after it.
+            if is_ready && page.is_some() && socket.is_some() {
+                break;
+            }
+        }
+        // The log goes on, and a full pipe would stop the daemon.
+        std::thread::spawn(move || log.map_while(Result::ok).for_each(drop));
+        Self {
+            child,
+            page: page.expect("the page").parse().unwrap(),
+            socket: socket.expect("the socket"),
+        }
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn who_asks_for_a_signal_gets_every_sample_that_comes() {
+    let site = Site::new(SITE);
+    site.simulate("first", &Part::new(0, 1));
+    let daemon = Daemon::start(&site);
+    let mut viewer = connect_to(daemon.page, "foxglove.sdk.v1", None).unwrap();
+    // Offered before any record, and not of a store without a daemon.
+    viewer.subscribe(1, "/tirante/north/signal");
+    viewer.channel("/tirante/south/signal");
+    let words = [
+        "send",
+        "archive/first.mcap",
+        "--to",
+        &daemon.socket,
+        "--sender",
+        "nave",
+    ];
+    // The answer to a request that makes no sense comes after the subscription was taken.
+    viewer.say(&json!({"op": "subscribe", "subscriptions": [{"id": 2, "channelId": 99}]}));
+    while !viewer.text()["message"]
+        .as_str()
+        .is_some_and(|said| said.contains("99"))
+    {}
+    let output = site.run(&[&words[..], &["--speed", "max"]].concat());
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let config = Config::parse(SITE, "site.toml").unwrap();
+    let record = Records::open(&[site.path("archive/first.mcap")], &config, Others::default())
+        .find_map(|event| match event {
+            Event::Record(record) if record.rod.0 == "north" => Some(record),
+            _ => None,
+        })
+        .unwrap();
+    assert!(record.samples.len() > 1000, "{}", record.samples.len());
+    for (i, value) in record.samples.iter().enumerate() {
+        let nanos = record.start.plus_seconds(i as f64 / record.fs_hz).as_nanos();
+        let heard = viewer.message(1, "/tirante/north/signal");
+        // A number read back from JSON may be one unit of the last place off.
+        let off = (heard["value"].as_f64().unwrap() - value).abs();
+        assert!(off <= f64::EPSILON * value.abs(), "sample {i}: {heard} {value}");
+        assert_eq!(
+            (&heard["unit"], &heard["header"]["frame_id"]),
+            (&json!("m"), &json!("north"))
+        );
+        assert_eq!(heard["header"]["stamp"], heard["timestamp"]);
+        let stamp = &heard["timestamp"];
+        let at = stamp["sec"].as_i64().unwrap() * 1_000_000_000 + stamp["nsec"].as_i64().unwrap();
+        // Stamps are computed from the first one of a message and the rate.
+        assert!((at - nanos).abs() <= 1000, "sample {i}: {at} {nanos}");
+    }
+    // A store without a daemon has no live signal.
+    let server = Server::of(&site, "site.db");
+    let mut viewer = connect(&server, "foxglove.sdk.v1", None).unwrap();
+    viewer.channel("/tirante/alarms");
+    assert!(!viewer.channels.keys().any(|topic| topic.ends_with("/signal")));
 }
 
 #[test]

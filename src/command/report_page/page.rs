@@ -18,15 +18,15 @@ pub fn page(report: &SiteReport) -> String {
         body.element("main", &[], |main| {
             // For one rod measured once, its own part is complete.
             match &report.rods[..] {
-                [rod] if rod.only_record().is_some() => {}
+                [rod] if rod.only_record().is_some() || rod.is_refused_once() => {}
                 _ => overview(main, report),
             }
             for (i, one) in report.rods.iter().enumerate() {
                 let id = anchor(i);
                 let attributes = [("id", id.as_str()), ("class", "sheet")];
-                let attributes = match one.only_record() {
-                    Some(_) => &attributes[..],
-                    None => &attributes[..1],
+                let attributes = match one.only_record().is_some() || one.is_refused_once() {
+                    true => &attributes[..],
+                    false => &attributes[..1],
                 };
                 main.element("section", attributes, |section| {
                     rod::section(section, one, &anchor(i));
@@ -93,7 +93,7 @@ fn heading(header: &mut Markup, report: &SiteReport) {
             moment(last)
         ),
         _ => format!(
-            "Axial force of {}: no record could be used yet.",
+            "Axial force of {}: no record gave one yet.",
             counted(report.rods.len(), "tie-rod")
         ),
     };

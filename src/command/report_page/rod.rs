@@ -110,6 +110,10 @@ pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str) {
         }
         return;
     }
+    if rod.is_refused_once() {
+        single::refused(html, rod, |html| latest_refused(html, rod, id));
+        return;
+    }
     html.leaf("h2", &[], format!("Rod {}", rod.rod));
     html.element("p", &[], |p| {
         p.leaf(
@@ -278,7 +282,7 @@ pub(super) fn taught(html: &mut Markup, rod: &RodReport, latest: &Snapshot, id: 
         "What was assumed of each quantity (grey) and what the latest record leaves possible (blue). A blue curve narrower than the \
          grey one was learned from the vibration; one that covers it was not.",
     );
-    html.element("div", &[("class", "pair")], |pair| {
+    html.element("div", &[("class", "pair many")], |pair| {
         for (i, density) in latest.densities.iter().enumerate() {
             figure(
                 pair,

@@ -22,11 +22,7 @@ pub(super) fn section(html: &mut Markup, rod: &RodReport, only: &RecordPoint, id
         frequencies(html, latest);
         figures(html, rod, latest, id);
     }
-    html.element("p", &[("class", "sign")], |p| {
-        for name in ["Measured by", "Date", "Signature"] {
-            p.leaf("span", &[], name);
-        }
-    });
+    signature(html);
     html.leaf("h2", &[], "What it rests on");
     if let Some(latest) = latest {
         let of = format!("rod {}", rod.rod);
@@ -40,6 +36,39 @@ pub(super) fn section(html: &mut Markup, rod: &RodReport, only: &RecordPoint, id
         record::candidates(html, &latest.candidates);
         rod::taught(html, rod, latest, id);
     }
+}
+
+/// The part of a rod whose only record was refused: no force, the facts, and then the record by `record`.
+pub(super) fn refused(html: &mut Markup, rod: &RodReport, record: impl FnOnce(&mut Markup)) {
+    html.leaf("h2", &[], format!("Rod {}", rod.rod));
+    html.element("p", &[("class", "headline")], |p| {
+        p.leaf("strong", &[], "No force");
+        p.text(": the record was refused, for the reason below");
+    });
+    listed(html, rod.facts.clone());
+    record(html);
+    signature(html);
+}
+
+/// Lines to be filled in by hand.
+fn signature(html: &mut Markup) {
+    html.element("p", &[("class", "sign")], |p| {
+        for name in ["Measured by", "Date", "Signature"] {
+            p.leaf("span", &[], name);
+        }
+    });
+}
+
+/// Facts as a list.
+fn listed(html: &mut Markup, facts: Vec<(String, String)>) {
+    html.element("dl", &[("class", "facts")], |list| {
+        for (name, value) in facts {
+            list.element("div", &[], |fact| {
+                fact.leaf("dt", &[], name);
+                fact.leaf("dd", &[], value);
+            });
+        }
+    });
 }
 
 /// Force and interval in large, the marks, and the state as the second line.
@@ -93,14 +122,7 @@ fn facts(html: &mut Markup, rod: &RodReport, only: &RecordPoint, latest: Option<
     if let Some(celsius) = only.temperature_c {
         add("temperature", format!("{celsius:.1} \u{b0}C"));
     }
-    html.element("dl", &[("class", "facts")], |list| {
-        for (name, value) in facts {
-            list.element("div", &[], |fact| {
-                fact.leaf("dt", &[], name);
-                fact.leaf("dd", &[], value);
-            });
-        }
-    });
+    listed(html, facts);
 }
 
 /// Time of a record in words; for a file without a start, a remark.

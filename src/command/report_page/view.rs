@@ -83,6 +83,12 @@ impl RodReport {
         }
     }
 
+    /// True for a rod of which one record came, which was refused.
+    pub fn is_refused_once(&self) -> bool {
+        let refused: usize = self.rejections.iter().map(|rejection| rejection.count).sum();
+        self.records.is_empty() && refused == 1 && self.alarms.is_empty() && self.refused.is_some()
+    }
+
     /// The current segment.
     pub fn segment(&self) -> Option<&SegmentReport> {
         self.segments.last()

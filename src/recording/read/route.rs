@@ -9,7 +9,7 @@ use super::recording::Block;
 use super::speakers::Speakers;
 use super::summary::{Summary, TopicSummary};
 use crate::analysis::signal::record::{
-    Assembler, Channel, Cut, Event, RecordSettings, Rejection, RodChannels, TimeSource, Timestamp,
+    Assembler, Channel, Cut, Event, RecordSettings, Rejection, RodChannels, RodId, TimeSource, Timestamp,
 };
 use crate::analysis::track::ordered::Reached;
 use crate::recording::note::{self, Note, State};
@@ -26,6 +26,9 @@ const WEIGHED_EVERY: usize = 1 << 20;
 const ROUNDED_S: f64 = 1e-6;
 /// Capacity of the sample buffer kept between two messages \[samples\].
 const SCRATCH: usize = 1 << 17;
+
+/// Receives the samples of a rod as they are read, in SI units: the time of the first, and the rate \[Hz\] if one was given.
+pub type Listener = Arc<dyn Fn(&RodId, Timestamp, &[f64], Option<f64>) + Send + Sync>;
 
 /// An event of a rod with its completion time.
 #[derive(Debug)]
@@ -97,6 +100,8 @@ pub(super) struct Router {
     cuts: BTreeMap<usize, u64>,
     /// Data lost in the file, one clause each.
     holes: Vec<String>,
+    /// Receiver of the samples, beside the assemblers.
+    pub(super) listener: Option<Listener>,
 }
 
 /// Contents of a file for one rod.
@@ -226,6 +231,7 @@ impl Router {
             grown: 0,
             cuts: BTreeMap::new(),
             holes: Vec::new(),
+            listener: None,
             channels: Vec::new(),
             scratch: Vec::new(),
             topics: Vec::new(),
@@ -357,6 +363,7 @@ impl Router {
             topics,
             grown,
             file,
+            listener,
             ..
         } = self;
         let Some(listed) = channels.get(usize::from(message.channel)) else {
@@ -405,8 +412,16 @@ impl Router {
                 rod.fed_by[usize::from(route.temperature)] = listed.stream;
                 rod.is_followed |= !route.temperature;
                 rod.assembler.set_unverified(*unverified);
-                if let Err(found) = route.take((rod, count), &message, file.as_ref(), scratch) {
-                    fault.get_or_insert(found);
+                match route.take((rod, count), &message, file.as_ref(), scratch) {
+                    Ok(Some(time)) => {
+                        if let Some(listener) = listener {
+                            listener(&rod.config.rod, time, scratch, rod.config.displacement.fs_hz);
+                        }
+                    }
+                    Ok(None) => {}
+                    Err(found) => {
+                        fault.get_or_insert(found);
+                    }
                 }
                 // A stamp takes as much as two samples, and a single one is the least that is kept.
                 *grown += 24 + 8 * scratch.len();
@@ -781,6 +796,7 @@ fn of_whole_seconds(time: i64, log_time: u64) -> Option<i64> {
 }
 
 impl Route {
+    /// Passes a message on to the rod; returns the time of its first sample, if it has samples.
     #[inline]
     fn take(
         &self,
@@ -788,7 +804,7 @@ impl Route {
         message: &Message<'_>,
         file: Option<&Arc<str>>,
         scratch: &mut Vec<f64>,
-    ) -> Result<(), DecodeError> {
+    ) -> Result<Option<Timestamp>, DecodeError> {
         let channel = match &rod.config.temperature {
             Some(channel) if self.temperature => channel,
             _ => &rod.config.displacement,
@@ -813,7 +829,7 @@ impl Route {
             for &raw in scratch.iter() {
                 rod.assembler.push_temperature(time, unit.convert(raw));
             }
-            return Ok(());
+            return Ok(None);
         }
         if array && channel.fs_hz.is_none() {
             return Err(DecodeError::Rate {
@@ -826,6 +842,6 @@ impl Route {
         count.samples += scratch.len() as u64;
         rod.files.note(file, time);
         rod.assembler.push(time, scratch);
-        Ok(())
+        Ok(Some(time))
     }
 }

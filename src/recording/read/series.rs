@@ -5,7 +5,7 @@
 
 use super::file::FileReader;
 use super::mcap::{Damage, Progress, Reader};
-use super::route::{Router, Timed};
+use super::route::{Listener, Router, Timed};
 use super::source::{Source, Step};
 use super::{Place, SourceError, Summary, carry};
 use crate::analysis::signal::record::{Event, RecordSettings, RodChannels};
@@ -102,10 +102,15 @@ impl Series {
     /// fit.
     pub fn resume(&mut self, body: &[u8]) -> Vec<String> {
         let (router, lost) = carry::decode(body, &self.channels, &self.settings);
-        self.router = router;
+        self.renew(router);
         // The carry is the state after the part before the next one.
         self.before = self.next.and_then(|next| next.checked_sub(1));
         lost
+    }
+
+    /// Passes the samples read from now on to a listener, too.
+    pub fn set_listener(&mut self, listener: Listener) {
+        self.router.listener = Some(listener);
     }
 
     /// Samples open between two parts, for [`Series::resume`].
@@ -124,11 +129,9 @@ impl Series {
         end: &PartEnd,
     ) -> Vec<(Event, Place)> {
         self.router.finish(true, None, &mut self.queue);
-        let journal = self.router.journal.take();
         channels.clone_into(&mut self.channels);
         self.settings = settings.of_stream();
-        self.router = Router::new(channels, &self.settings);
-        self.router.journal = journal;
+        self.begin_anew();
         let name: Arc<str> = Arc::from(part::mark_name(end.part));
         let timed = self.queue.drain(..);
         timed
@@ -179,8 +182,15 @@ impl Series {
 
     fn begin_anew(&mut self) {
         let journal = self.router.journal.take();
-        self.router = Router::new(&self.channels, &self.settings);
+        self.renew(Router::new(&self.channels, &self.settings));
         self.router.journal = journal;
+    }
+
+    /// Takes another router; the listener stays.
+    fn renew(&mut self, router: Router) {
+        let listener = self.router.listener.take();
+        self.router = router;
+        self.router.listener = listener;
     }
 
     fn name(&self, part: u32) -> String {

@@ -9,6 +9,7 @@ use crate::service::ingest::{self, Counts, Listener, Server, TopicSet};
 use crate::service::journal::retention::Kept;
 use crate::service::journal::{Around, Bell, Journal};
 use crate::service::telemetry::{Fault, Metrics, Telemetry};
+use crate::service::viewer::Signals;
 use crate::site::clock;
 use crate::site::store::{Reader as StoreReader, StoreError, Stretch};
 use std::path::{Path, PathBuf};
@@ -27,6 +28,8 @@ const FAREWELL: Duration = Duration::from_secs(2);
 #[derive(Default)]
 pub struct Bound {
     ingest: Vec<Listener>,
+    /// Where viewers hear the samples.
+    signals: Arc<Signals>,
 }
 
 impl Bound {
@@ -34,8 +37,9 @@ impl Bound {
     ///
     /// # Errors
     /// An address is taken.
-    pub fn bind(config: &Config, inherited: Vec<Listener>) -> anyhow::Result<Self> {
+    pub fn bind(config: &Config, inherited: Vec<Listener>, signals: Arc<Signals>) -> anyhow::Result<Self> {
         Ok(Self {
+            signals,
             ingest: Listener::all(inherited, &config.ingest.listen)?,
         })
     }
@@ -48,6 +52,7 @@ pub struct Live {
     stop: watch::Sender<bool>,
     serving: Option<JoinHandle<()>>,
     counts: Arc<Counts>,
+    signals: Arc<Signals>,
 }
 
 impl Live {
@@ -74,6 +79,7 @@ impl Live {
             stop,
             serving: None,
             counts: Arc::clone(&counts),
+            signals: bound.signals,
         };
         let folder = folder_of(config, store);
         if bound.ingest.is_empty() && !folder.is_dir() {
@@ -121,6 +127,7 @@ impl Live {
             folder: folder.clone(),
             handle: journal.handle(),
             results_kept: journal.results_kept(),
+            signals: Arc::clone(&self.signals),
         })
     }
 

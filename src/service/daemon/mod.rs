@@ -31,6 +31,7 @@ use crate::config::{Config, ConfigError, Setting};
 use crate::service::http;
 use crate::service::ingest::Listener;
 use crate::service::telemetry::{Fault, Health, Phase, Telemetry};
+use crate::service::viewer::Signals;
 use crate::site::ordered_map::message_of;
 use crate::site::trackers::Site;
 use crate::site::{baselines, clock, store};
@@ -100,8 +101,9 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     // Addresses in use by another process are detected before anything begins.
     let (_stop_http, http_stopped) = watch::channel(false);
     let bind = || -> anyhow::Result<Bound> {
-        show(&config, &runtime, &telemetry, http_stopped)?;
-        Bound::bind(&config, inherited)
+        let signals = Arc::<Signals>::default();
+        show(&config, &runtime, &telemetry, &signals, http_stopped)?;
+        Bound::bind(&config, inherited, signals)
     };
     // If it is another daemon on the same store, that is the reason to give.
     let holder = |error| match config.store.path.as_deref().and_then(store::held) {
@@ -133,6 +135,7 @@ fn show(
     config: &Config,
     runtime: &Runtime,
     telemetry: &Telemetry,
+    signals: &Arc<Signals>,
     stopped: watch::Receiver<bool>,
 ) -> anyhow::Result<()> {
     let Some(listener) = http::listen(&config.http)? else {
@@ -152,7 +155,7 @@ fn show(
             };
             let access = http::Access::of(&config.http)?;
             let api = http::Api::new(shown, access, ask, stopped.clone());
-            Some(api.of_daemon(Arc::clone(&telemetry.health)))
+            Some(api.of_daemon(Arc::clone(&telemetry.health), Arc::clone(signals)))
         }
         None => None,
     };

@@ -11,6 +11,7 @@ use crate::recording::read::Place;
 use crate::recording::read::{PartEnd, Parts, Series, Step};
 use crate::service::journal::{self, Bell};
 use crate::service::telemetry::{Fault, Health};
+use crate::service::viewer::Signals;
 use crate::site::driver::{Job, Loads};
 use crate::site::prepared::Generation;
 use crate::site::store::{Carry, FileMark, FileState};
@@ -56,6 +57,8 @@ pub struct JournalSource {
     pub handle: journal::Handle,
     /// Shared number of [`journal::Journal::results_kept`]: set at the start to the last part in the store.
     pub results_kept: Arc<AtomicU32>,
+    /// Receiver of its samples, for viewers.
+    pub signals: Arc<Signals>,
 }
 
 /// Everything that the reader works with.
@@ -168,6 +171,7 @@ struct Work {
 struct JournalLane {
     series: Series,
     handle: journal::Handle,
+    signals: Arc<Signals>,
     guard: Guard,
     /// Number of the damaged part after which a new one was requested.
     rotated: Option<u32>,
@@ -249,9 +253,12 @@ impl Work {
                     ),
                 ),
             }
+            source.signals.follow(&channels);
+            series.set_listener(source.signals.listener());
             JournalLane {
                 series,
                 handle: source.handle,
+                signals: source.signals,
                 guard: Guard::default(),
                 rotated: None,
                 is_read: false,
@@ -405,6 +412,7 @@ impl Work {
         let name = part::mark_name(end.part);
         let quarantined = lane.guard.end(&name);
         let last = waiting.as_ref().map(|generation| {
+            lane.signals.follow(&channels(generation));
             lane.series
                 .change(&channels(generation), &generation.config.record, &end)
         });

@@ -10,6 +10,7 @@ use crate::service::api::{
     Alarms, Chart, Days, Frequencies, History, Looks, Monitoring, Records, RodAnswer, SiteAnswer, listing,
 };
 use crate::service::telemetry::Health;
+use crate::service::viewer::Signals;
 use crate::site::clock;
 use crate::site::store::{Asked, Reader, StoreError};
 use axum::extract::{Path, Query, State};
@@ -41,6 +42,8 @@ pub struct Api {
     ask_writer: Arc<dyn Fn(RodId, Asked) -> Result<String, String> + Send + Sync>,
     /// Conditions of the daemon that answers, if one does.
     health: Option<Arc<Health>>,
+    /// Live signals of the daemon that answers; empty without one.
+    pub(super) signals: Arc<Signals>,
     /// Channel that becomes true when the server ends.
     pub(super) stop: watch::Receiver<bool>,
     /// Places of clients that listen to events.
@@ -60,14 +63,16 @@ impl Api {
             access,
             ask_writer: Arc::new(ask_writer),
             health: None,
+            signals: Arc::default(),
             stop,
             listeners: Arc::new(Semaphore::new(live::LISTENERS)),
         }
     }
 
-    /// Adds the conditions of a running daemon.
-    pub fn of_daemon(mut self, health: Arc<Health>) -> Self {
+    /// Adds the conditions and the live signals of a running daemon.
+    pub fn of_daemon(mut self, health: Arc<Health>, signals: Arc<Signals>) -> Self {
         self.health = Some(health);
+        self.signals = signals;
         self
     }
 

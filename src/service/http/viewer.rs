@@ -6,7 +6,7 @@ use super::live::LISTENERS;
 use super::problem::{self, Problem};
 use super::shown::Shown;
 use crate::service::viewer::protocol::{self, Request, Subscription};
-use crate::service::viewer::{self, Feed, Message, Topic};
+use crate::service::viewer::{self, Ear, Feed, Heard, Message, Topic};
 use crate::site::clock;
 use crate::site::store::{Reader, StoreError};
 use axum::extract::State;
@@ -58,6 +58,8 @@ pub async fn open(
         let mut viewer = Viewer {
             socket,
             shown: api.shown,
+            ear: api.signals.listen(),
+            unheard: 0,
             feed: None,
             channels: Vec::new(),
             numbers: BTreeMap::new(),
@@ -81,6 +83,10 @@ struct Gone;
 struct Viewer {
     socket: WebSocket,
     shown: Arc<Shown>,
+    /// Place among the listeners to the signals of a daemon; `serve` has none.
+    ear: Ear,
+    /// Number of samples that were left out and not reported yet.
+    unheard: usize,
     feed: Option<Feed>,
     /// Advertised topics; the index is the channel's number.
     channels: Vec<Topic>,
@@ -110,6 +116,7 @@ impl Viewer {
                     rang.map_err(|_| Gone)?;
                     self.look().await?;
                 }
+                heard = self.ear.next() => self.pass_on(heard).await?,
                 frame = self.socket.recv() => {
                     self.owed = 0;
                     match frame {
@@ -123,6 +130,7 @@ impl Viewer {
                         return Err(Gone);
                     }
                     self.owed += 1;
+                    self.report_unheard().await?;
                     self.send(Frame::Ping(Vec::new().into())).await?;
                     // A request without an answer when the bell rang may have one now.
                     self.look().await?;
@@ -152,7 +160,8 @@ impl Viewer {
             return Ok(());
         };
         self.awaited.clear();
-        self.advertise(topics).await?;
+        self.advertise(topics.into_iter().chain(self.ear.topics()).collect())
+            .await?;
         if news.is_other_store {
             let why = "another store took the place of the one that was followed";
             self.say(protocol::warning(why)).await?;
@@ -204,6 +213,7 @@ impl Viewer {
                 self.subscriptions.retain(|_, id| !subscription_ids.contains(id));
                 let subscriptions = &self.subscriptions;
                 self.awaited.retain(|topic| subscriptions.contains_key(topic));
+                self.tune();
                 Ok(())
             }
             Ok(Request::Other) => {
@@ -230,10 +240,44 @@ impl Viewer {
             }
             Some(topic) => {
                 self.subscriptions.insert(topic.clone(), id);
+                self.tune();
                 self.awaited.insert(topic);
                 return self.look().await;
             }
         };
+        self.say(protocol::warning(&why)).await
+    }
+
+    /// Listens to the signals subscribed to.
+    fn tune(&self) {
+        let signal = |topic: &Topic| match topic {
+            Topic::Signal(rod) => Some(rod.clone()),
+            _ => None,
+        };
+        self.ear
+            .want(self.subscriptions.keys().filter_map(signal).collect());
+    }
+
+    /// Sends samples of the signals subscribed to.
+    async fn pass_on(&mut self, heard: Heard) -> Result<(), Gone> {
+        self.unheard += heard.left_out;
+        for message in &heard.messages {
+            if let Some(&id) = self.subscriptions.get(&message.topic) {
+                self.tell(id, message).await?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Reports samples that were left out, with every sign of life at most.
+    async fn report_unheard(&mut self) -> Result<(), Gone> {
+        if self.unheard == 0 {
+            return Ok(());
+        }
+        let why = format!(
+            "{} samples came faster than this viewer took them and are left out of the live signal",
+            std::mem::take(&mut self.unheard)
+        );
         self.say(protocol::warning(&why)).await
     }
 

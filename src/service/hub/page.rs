@@ -50,8 +50,8 @@ impl Page {
                     return (StatusCode::MISDIRECTED_REQUEST, why).into_response();
                 }
                 let mut response = next.run(request).await;
-                let strict =
-                    "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'; base-uri 'none'";
+                let strict = "default-src 'none'; style-src 'unsafe-inline'; script-src 'self'; connect-src 'self'; \
+                              frame-ancestors 'none'; base-uri 'none'";
                 for (name, value) in [
                     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
                     (header::CACHE_CONTROL, "no-store"),
@@ -67,6 +67,7 @@ impl Page {
         });
         Router::new()
             .route("/", get(page))
+            .route("/follow.js", get(script))
             .route("/api/v1/sites", get(api))
             .route("/healthz", get(healthz))
             .route("/metrics", get(metrics))
@@ -183,13 +184,37 @@ async fn page(State(page): State<Page>) -> Response {
     }
 }
 
-const HEAD: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">\
-<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"><meta http-equiv=\"refresh\" content=\"30\"><title>Tirante: sites</title>\
-<style>:root{color-scheme:light dark}body{font:16px/1.45 system-ui,sans-serif;margin:1.5rem auto;max-width:75rem;padding:0 1rem}\
-h1{font-size:1.4rem}table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.4rem .6rem;border-bottom:1px solid #8886;vertical-align:top}\
-td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}.w{font-weight:600;white-space:nowrap}.alarm{color:#b3261e}.parked,.silent,.not-monitoring{color:#96610a}\
-.monitoring{color:#22713c}small{display:block;opacity:.8}@media(prefers-color-scheme:dark){.alarm{color:#ff8a80}.parked,.silent,.not-monitoring{color:#ffc66d}.monitoring{color:#7ad99a}}\
-</style><h1>Sites</h1>";
+/// Replaces the list twice a minute; a page that reloads itself would take the reader's place away.
+const SCRIPT: &str = r#"const live = document.getElementById("live");
+setInterval(async () => {
+  try {
+    const answer = await fetch("/", { signal: AbortSignal.timeout(20000) });
+    if (!answer.ok) throw new Error(await answer.text());
+    const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
+    document.getElementById("sites").replaceWith(fresh.getElementById("sites"));
+    live.textContent = "";
+  } catch (error) {
+    live.textContent ||= `No answer since ${new Date().toISOString().slice(0, 16).replace("T", " ")} UTC: what is shown is old. ${error.message}`;
+  }
+}, 30000);
+"#;
+
+async fn script() -> impl IntoResponse {
+    ([(header::CONTENT_TYPE, "text/javascript; charset=utf-8")], SCRIPT)
+}
+
+const HEAD: &str = "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
+<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"><meta name=\"description\" content=\"All sites, worst first\"><title>Tirante: sites</title>\
+<link rel=\"icon\" href=\"data:,\"><script src=\"/follow.js\" type=\"module\"></script>\
+<style>:root{color-scheme:light dark;--ink:#1b2026;--paper:#fff;--soft:#5b6672;--link:#1f6cb0;--alarm:#b3261e;--warn:#7a5d00;--good:#25724a}\
+@media(prefers-color-scheme:dark){:root{--ink:#e6eaee;--paper:#14181c;--soft:#9ba7b3;--link:#6db3f2;--alarm:#ff8a80;--warn:#e2c25c;--good:#6fce9b}}\
+body{font:16px/1.45 system-ui,sans-serif;margin:1.5rem auto;max-width:75rem;padding:0 1rem;color:var(--ink);background:var(--paper)}a{color:var(--link)}\
+h1{font-size:1.4rem}table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.4rem .6rem .4rem 0;border-bottom:1px solid #8886;vertical-align:top}\
+tbody th{font-weight:600}td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}.w{font-weight:600;white-space:nowrap}.alarm,#live{color:var(--alarm)}\
+.parked,.silent,.not-monitoring{color:var(--warn)}.monitoring{color:var(--good)}small{display:block;color:var(--soft)}\
+@media(max-width:46rem){thead{position:absolute;width:1px;height:1px;overflow:hidden;clip-path:inset(50%)}tbody,tr,td,tbody th{display:block}\
+tr{border-bottom:2px solid #8886;padding:.5rem 0}td,tbody th,td.n{border:0;padding:.1rem 0;text-align:left}td::before{content:attr(data-name) \": \";color:var(--soft)}}\
+</style></head><body><main><h1>Sites</h1><p id=\"live\" role=\"status\"></p><div id=\"sites\">";
 
 fn html(rows: &[SiteRow]) -> String {
     let mut out = HEAD.to_owned();
@@ -211,7 +236,7 @@ fn html(rows: &[SiteRow]) -> String {
             .iter()
             .map(|(state, count)| format!("{count} {}", escaped(state)))
             .collect();
-        let dash = |time: &Option<String>| time.clone().unwrap_or_else(|| "–".to_owned());
+        let dash = |time: &Option<String>| time.as_deref().map_or_else(|| "–".to_owned(), to_the_minute);
         let detail = row
             .detail
             .as_ref()
@@ -223,7 +248,8 @@ fn html(rows: &[SiteRow]) -> String {
         };
         let _ = write!(
             out,
-            "<tr><td>{name}<td><span class=\"w {code}\">{code}</span>{}<td>{}<td class=n>{}<td>{}<td>{}<td>{history}</tr>",
+            "<tr><th scope=row>{name}<td data-name=worst><span class=\"w {code}\">{code}</span>{}<td data-name=rods>{}\
+             <td class=n data-name=alarms>{}<td data-name=\"latest record\">{}<td data-name=heard>{}<td data-name=history>{history}</tr>",
             detail.unwrap_or_default(),
             rods.join(", "),
             row.alarms,
@@ -232,7 +258,15 @@ fn html(rows: &[SiteRow]) -> String {
             code = row.worst.code(),
         );
     }
-    out + "</tbody></table></html>\n"
+    out + "</tbody></table></div></main></body></html>\n"
+}
+
+/// A time of the list, `2026-03-01T06:00:00Z`, as `2026-03-01 06:00`.
+fn to_the_minute(time: &str) -> String {
+    match (time.get(..10), time.get(11..16)) {
+        (Some(day), Some(clock)) => format!("{day} {clock}"),
+        _ => escaped(time),
+    }
 }
 
 fn escaped(text: &str) -> String {

@@ -156,6 +156,8 @@ pub fn standing(reader: &Reader, topic: &Topic) -> Result<Vec<Message>, StoreErr
             row.as_ref().map(Message::of_record).unwrap_or_default()
         }
         Topic::Waveform(rod) | Topic::Spectrum(rod) => picture(reader, rod)?,
+        // Samples are not in the store.
+        Topic::Signal(_) => Vec::new(),
     };
     messages.retain(|message| message.topic == *topic);
     Ok(messages)

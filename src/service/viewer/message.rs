@@ -1,4 +1,4 @@
-//! Records, their pictures and alarms as messages: `/tirante/ROD/force`, `modes`, `waveform`, `spectrum`, and `/tirante/alarms` as
+//! Records, their pictures and alarms as messages: `/tirante/ROD/force`, `modes`, `waveform`, `spectrum`, `signal`, and `/tirante/alarms` as
 //! `foxglove.Log`, a schema that viewers support. Every message has the `timestamp` of the record's first
 //! sample, or of the alarm.
 
@@ -27,6 +27,8 @@ pub enum Topic {
     Waveform(RodId),
     /// The power spectral density of a record, with its peaks.
     Spectrum(RodId),
+    /// Samples of a rod as they are read, one by one: of a daemon alone, and in no file.
+    Signal(RodId),
     /// Alarms of all rods.
     Alarms,
 }
@@ -43,7 +45,7 @@ pub struct Message {
 }
 
 impl Topic {
-    /// Topics of a rod.
+    /// Topics of a rod in a store.
     pub fn of_rod(rod: &RodId) -> [Self; 4] {
         [Self::Force, Self::Modes, Self::Waveform, Self::Spectrum].map(|topic| topic(rod.clone()))
     }
@@ -51,7 +53,11 @@ impl Topic {
     /// The rod, if the topic is about one.
     pub fn rod(&self) -> Option<&RodId> {
         match self {
-            Self::Force(rod) | Self::Modes(rod) | Self::Waveform(rod) | Self::Spectrum(rod) => Some(rod),
+            Self::Force(rod)
+            | Self::Modes(rod)
+            | Self::Waveform(rod)
+            | Self::Spectrum(rod)
+            | Self::Signal(rod) => Some(rod),
             Self::Alarms => None,
         }
     }
@@ -63,6 +69,7 @@ impl Topic {
             Self::Modes(_) => &schema::MODES,
             Self::Waveform(_) => &schema::WAVEFORM,
             Self::Spectrum(_) => &schema::SPECTRUM,
+            Self::Signal(_) => &schema::SIGNAL,
             Self::Alarms => &schema::LOG,
         }
     }
@@ -85,6 +92,7 @@ impl fmt::Display for Topic {
             Self::Modes(rod) => write!(f, "/tirante/{rod}/modes"),
             Self::Waveform(rod) => write!(f, "/tirante/{rod}/waveform"),
             Self::Spectrum(rod) => write!(f, "/tirante/{rod}/spectrum"),
+            Self::Signal(rod) => write!(f, "/tirante/{rod}/signal"),
             Self::Alarms => f.write_str("/tirante/alarms"),
         }
     }
@@ -141,6 +149,16 @@ impl Message {
         // Refused before there was a spectrum.
         let spectrum = Some(spectrum).filter(|_| !curve.level_db.is_empty());
         waveform.into_iter().chain(spectrum).collect()
+    }
+
+    /// Message of one sample, in an SI unit. The stamp is also where viewers look for the time of a plot.
+    pub fn of_sample(rod: &RodId, time: Timestamp, value: f64, unit: &str) -> Self {
+        let stamp = stamp(time);
+        Self {
+            topic: Topic::Signal(rod.clone()),
+            time,
+            body: json!({"timestamp": stamp, "header": {"stamp": stamp, "frame_id": rod}, "value": value, "unit": unit}),
+        }
     }
 
     /// Message of an alarm event, at its time.

@@ -285,6 +285,29 @@ pub static SPECTRUM: Type = Type {
     ],
 };
 
+static HEADER: Type = Type {
+    name: "Header",
+    fields: &[
+        field("stamp", Time, "time of the sample, UTC"),
+        field("frame_id", Text, "id of the rod"),
+    ],
+};
+
+/// `tirante.Signal`: one sample.
+pub static SIGNAL: Type = Type {
+    name: "Signal",
+    fields: &[
+        field("timestamp", Time, "time of the sample, UTC"),
+        field("header", One(&HEADER), "the same time, where plots look for it"),
+        field(
+            "value",
+            Number,
+            "displacement, velocity or acceleration, in `unit`",
+        ),
+        field("unit", Text, "SI unit of value"),
+    ],
+};
+
 /// `foxglove.Log`, which viewers know.
 pub static LOG: Type = Type {
     name: "Log",

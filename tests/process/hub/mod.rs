@@ -37,6 +37,9 @@ fn two_sites_end_in_one_sqlite_file_as_replayed() {
     assert_eq!(sites[0]["worst"], "alarm");
     let page = fleet.get("/");
     assert!(page.contains("todi") && page.contains("gubbio") && page.contains("alarm"));
+    // One region for readers of the screen, and no reload that takes the place in it away.
+    assert!(page.contains("<main>") && !page.contains("http-equiv"));
+    assert!(fleet.get("/follow.js").contains("text/javascript"));
     assert!(
         fleet
             .get("/metrics")

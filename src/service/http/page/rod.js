@@ -57,16 +57,19 @@ const moves = [["\u2190", "earlier", 0.5, 1], ["\u2192", "later", -0.5, 1], ["+"
     go(days, [middle - (factor * length) / 2, middle + (factor * length) / 2]);
   } }, sign));
 
+const tools = el("div", { class: "tools", role: "group", "aria-label": "Stretch of time shown" }, ranges, moves);
 const length_of = (seconds) => seconds >= 86400 ? `${fixed(seconds / 86400, 0)} d` : seconds >= 3600 ? `${fixed(seconds / 3600, 1)} h` : `${fixed(seconds, 0)} s`;
 
 let turn = 0;
 
 async function drawHistory() {
   const mine = (turn += 1);
+  tools.hidden = !rod?.span;
   for (const button of ranges) button.setAttribute("aria-pressed", String(!zoomed && button.dataset.days === String(days)));
   const range = stretch();
   if (!range) {
     for (const { element } of [relative, absolute, charts, thermal, frequencies, temperature]) element.hidden = true;
+    for (const [heading] of headings) heading.hidden = true;
     return;
   }
   const [from, to] = range.map((ms) => encodeURIComponent(new Date(ms).toISOString()));
@@ -165,7 +168,8 @@ function drawFacts() {
     ...rod.waiting.map((request) => el("p", { class: "note calm" }, `asked for, waits for the next record: ${request}`)));
   facts.replaceChildren(
     fact("state", state(rod, stale_s()), small(why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
-    fact(`axial force${at} [kN]`, ...force(rod, kilonewtons), small(isAlone(rod) ? "of the latest record alone" : "given the baseline"),
+    fact(`axial force${rod.force_n || rod.axial_force_n ? at : ""} [kN]`, ...force(rod, kilonewtons),
+      small(isAlone(rod) ? "of the latest record alone" : rod.force_n ? "given the baseline" : "no record has given one yet"),
       rod.compensated && record?.tracked_force_n && own !== null ? small(`the same record at its own ${degrees(own)}: ${kilonewtons(record.tracked_force_n.mean)}`) : null),
     ...(rod.relative_force ? [fact(`change since the baseline${at} [%]`, mark, ...interval(rod.relative_force, (r) => percent(r)))] : []),
     ...(onset ? [fact("onset of the change", day(onset.onset), small(`${day(onset.onset_q025)} to ${day(onset.onset_q975)} (95 %)`))] : []),
@@ -197,8 +201,7 @@ async function draw() {
   await Promise.all([drawHistory(), listed]);
 }
 
-show(content, notes, facts,
-  el("div", { class: "tools", role: "group", "aria-label": "Stretch of time shown" }, ranges, moves),
+show(content, notes, facts, tools,
   headings[0][0], relative.element, events, charts.element,
   headings[1][0], absolute.element, thermal.element,
   headings[2][0], frequencies.element, temperature.element,

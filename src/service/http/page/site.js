@@ -36,7 +36,7 @@ function row(rod) {
     el("th", { scope: "row" }, el("a", { href: rodLink(rod.rod) }, rod.rod)),
     cell("state", "", state(rod, stale_s(rod)), small(why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
     cell("force [kN]", "n", ...force(rod, kilonewtons), hasForce ? small(celsius === null ? "temperature not measured" : `at ${degrees(celsius)}`) : null,
-      isAlone(rod) ? small("of one record alone") : null),
+      isAlone(rod) ? el("small", { class: "words" }, "of one record alone") : null),
     cell("change [%]", "n", mark, ...interval(rod.relative_force, (r) => percent(r))),
     cell("last year", "", spark(rod.trend)),
     cell("last record", "nowrap", time(rod.latest_record), small(age(rod.latest_record, stale_s(rod)))),

@@ -14,7 +14,7 @@ const TOGETHER: usize = 64;
 pub enum CentreError {
     /// The database.
     #[error("the centre's database: {0}")]
-    Sql(String),
+    Sql(SqlError),
     /// The shapes of the tables.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -22,7 +22,7 @@ pub enum CentreError {
 
 impl From<SqlError> for CentreError {
     fn from(error: SqlError) -> Self {
-        Self::Sql(error.to_string())
+        Self::Sql(error)
     }
 }
 
@@ -41,17 +41,33 @@ pub struct History {
     pub sequence: i64,
     /// Begin of its latest record \[ns since 1970\]; 0 without any.
     pub latest_ns: i64,
+    /// Last commit that counts, if an operator said that it is not the site's present one though it began later.
+    pub overruled: Option<i64>,
 }
 
 /// Knowledge of the centre of a site.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct SiteState {
-    /// Its histories, the current one last.
+    /// Its histories in the order in which they began.
     pub histories: Vec<History>,
     /// Time of its latest message \[ns since 1970\].
     pub heard_ns: i64,
     /// Fault of its messages that lasts, as `gap`, with its detail.
     pub fault: Option<(String, String)>,
+}
+
+impl SiteState {
+    /// Place of the present history: the last that was not overruled.
+    pub fn present(&self) -> Option<usize> {
+        self.histories
+            .iter()
+            .rposition(|history| history.overruled.is_none())
+    }
+
+    /// The present history.
+    pub fn history(&self) -> Option<&History> {
+        self.histories.get(self.present()?)
+    }
 }
 
 /// A message that is not folded.
@@ -90,6 +106,8 @@ pub struct Batch {
     /// Rods without records that were removed: site, store, rod.
     forgotten: Vec<(String, i64, String)>,
     months: BTreeSet<i64>,
+    /// Bytes of the rows, roughly.
+    bytes: usize,
     /// Sites whose state changed.
     pub sites: BTreeMap<String, SiteState>,
     /// Messages to park.
@@ -131,6 +149,12 @@ impl Batch {
             values.push(Value::Integer(month));
         }
         values.extend(row);
+        let size = |value: &Value| match value {
+            Value::Text(text) => text.len(),
+            Value::Blob(bytes) => bytes.len(),
+            _ => 16,
+        };
+        self.bytes += key.len() + values.iter().map(size).sum::<usize>();
         self.rows.insert((table, key), values);
     }
 
@@ -146,6 +170,24 @@ impl Batch {
             !(matches!(name, Some("rod" | "segment")) && is_of_rod(values))
         });
         self.forgotten.push((site.to_owned(), store, rod.to_owned()));
+    }
+
+    /// True if it holds so much that it is to be written before more is added.
+    pub fn is_full(&self) -> bool {
+        const ENOUGH: usize = 16 << 20;
+        let parked: usize = self.parked.iter().map(|parked| parked.payload.len()).sum();
+        self.bytes + parked >= ENOUGH
+    }
+
+    /// Number of rows of a table, by site and store.
+    pub fn count(&self, table: usize) -> BTreeMap<(String, i64), i64> {
+        let mut counts = BTreeMap::new();
+        for (_, row) in self.rows.iter().filter(|((of, _), _)| *of == table) {
+            *counts
+                .entry((text(row.first()), integer(row.get(1))))
+                .or_default() += 1;
+        }
+        counts
     }
 
     /// True if there is nothing to write but perhaps the position.
@@ -219,6 +261,17 @@ impl Centre {
         })
     }
 
+    /// Stores that are not the present one of their site though they began later: by [`tables::overruled`], the last commit that
+    /// counts.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn overruled(&mut self) -> Result<BTreeMap<String, i64>, CentreError> {
+        let rows = self.sql.query("SELECT \"key\", \"value\" FROM \"centre\"", &[])?;
+        let word = |row: &Vec<Value>| Some((text(row.first()), text(row.get(1)).parse().ok()?));
+        Ok(rows.iter().filter_map(word).collect())
+    }
+
     /// State of every site.
     ///
     /// # Errors
@@ -243,6 +296,7 @@ impl Centre {
              ORDER BY \"site\", \"store\"",
             &[],
         )?;
+        let overruled = self.overruled()?;
         for row in rows {
             let history = History {
                 store: integer(row.get(1)),
@@ -251,6 +305,9 @@ impl Centre {
                 through: integer(row.get(4)),
                 sequence: integer(row.get(5)),
                 latest_ns: integer(row.get(6)),
+                overruled: overruled
+                    .get(&tables::overruled(&text(row.first()), &text(row.get(2))))
+                    .copied(),
             };
             sites
                 .entry(text(row.first()))
@@ -261,15 +318,29 @@ impl Centre {
         Ok(sites)
     }
 
-    /// Parked messages of a site, in order.
+    /// Some parked messages of a site after a place, in order; with a `fault`, those of that one alone.
     ///
     /// # Errors
     /// The database refuses.
-    pub fn parked(&mut self, site: &str) -> Result<Vec<Parked>, CentreError> {
+    pub fn parked(
+        &mut self,
+        site: &str,
+        fault: Option<&str>,
+        after: (i64, i64),
+    ) -> Result<Vec<Parked>, CentreError> {
+        /// Each holds up to a message.
+        const PAGE: i64 = 16;
         let rows = self.sql.query(
             "SELECT \"sequence\", \"site\", \"time_ns\", \"fault\", \"detail\", \"headers\", \"payload\" FROM \"parked\"
-             WHERE \"site\" = $1 ORDER BY \"sequence\"",
-            &[Value::Text(site.to_owned())],
+             WHERE \"site\" = $1 AND (\"sequence\", \"time_ns\") > ($2, $3) AND ($4 = '' OR \"fault\" = $4)
+             ORDER BY \"sequence\", \"time_ns\" LIMIT $5",
+            &[
+                Value::Text(site.to_owned()),
+                Value::Integer(after.0),
+                Value::Integer(after.1),
+                Value::Text(fault.unwrap_or_default().to_owned()),
+                Value::Integer(PAGE),
+            ],
         )?;
         let parked = rows.into_iter().map(|row| Parked {
             sequence: integer(row.first()),
@@ -284,6 +355,80 @@ impl Centre {
             },
         });
         Ok(parked.collect())
+    }
+
+    /// Fault and detail of a site's first parked message.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn first_fault(&mut self, site: &str) -> Result<Option<(String, String)>, CentreError> {
+        let rows = self.sql.query(
+            "SELECT \"fault\", \"detail\" FROM \"parked\" WHERE \"site\" = $1 ORDER BY \"sequence\", \"time_ns\" LIMIT 1",
+            &[Value::Text(site.to_owned())],
+        )?;
+        Ok(rows.first().map(|row| (text(row.first()), text(row.get(1)))))
+    }
+
+    /// Makes a history the present one of its site, whatever began after it; a rebuild keeps to that.
+    ///
+    /// # Errors
+    /// There is none of this epoch, or the database refuses.
+    pub fn make_present(&mut self, site: &str, epoch: &str) -> Result<(), CentreError> {
+        let state = self.sites()?.remove(site).unwrap_or_default();
+        let Some(place) = state.histories.iter().position(|history| history.epoch == epoch) else {
+            let what = format!("site \"{site}\" has no store {epoch} at the centre");
+            return Err(SqlError::Refused(what).into());
+        };
+        self.sql.batch("BEGIN")?;
+        let sql = &mut *self.sql;
+        let mut write = || -> Result<(), SqlError> {
+            for (at, history) in state.histories.iter().enumerate() {
+                let key = Value::Text(tables::overruled(site, &history.epoch));
+                if at == place {
+                    sql.execute("DELETE FROM \"centre\" WHERE \"key\" = $1", &[key])?;
+                } else if at > place && history.overruled.is_none() {
+                    sql.execute(
+                        "INSERT INTO \"centre\" (\"key\", \"value\") VALUES ($1, $2)",
+                        &[key, Value::Text(history.through.to_string())],
+                    )?;
+                }
+            }
+            sql.batch("COMMIT")
+        };
+        if let Err(error) = write() {
+            let _ = self.sql.batch("ROLLBACK");
+            return Err(error.into());
+        }
+        Ok(())
+    }
+
+    /// Writes the present reason of a message that is still parked.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn rename(&mut self, place: (i64, i64), fault: &str, detail: &str) -> Result<(), CentreError> {
+        self.sql.execute(
+            "UPDATE \"parked\" SET \"fault\" = $1, \"detail\" = $2 WHERE \"sequence\" = $3 AND \"time_ns\" = $4",
+            &[
+                Value::Text(fault.to_owned()),
+                Value::Text(detail.to_owned()),
+                Value::Integer(place.0),
+                Value::Integer(place.1),
+            ],
+        )?;
+        Ok(())
+    }
+
+    /// Number of rows of a copied table, by site and store.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn counts(&mut self, table: &str) -> Result<BTreeMap<(String, i64), i64>, CentreError> {
+        let sql =
+            format!("SELECT \"site\", \"store\", count(*) FROM \"{table}\" GROUP BY \"site\", \"store\"");
+        let rows = self.sql.query(&sql, &[])?;
+        let count = |row: Vec<Value>| ((text(row.first()), integer(row.get(1))), integer(row.get(2)));
+        Ok(rows.into_iter().map(count).collect())
     }
 
     /// Drops the parked messages of a site, and its mark; returns their number.

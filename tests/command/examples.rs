@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use crate::site::{Site, campaign, text};
+use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -91,23 +92,30 @@ static FOLLOWED: LazyLock<Site> = LazyLock::new(|| {
 fn every_example_runs_as_printed() {
     let examples = all();
     assert!(examples.len() > 60, "{}", examples.len());
-    let mut unused: BTreeSet<&str> = NOT_RUN.iter().map(|(part, _)| *part).collect();
-    let mut failures = Vec::new();
-    for (example, source) in &examples {
-        let reason = NOT_RUN
+    let of = |example: &str| {
+        NOT_RUN
             .iter()
-            .find(|(part, _)| format!("{example}\n").contains(part));
-        let outcome = match reason {
-            Some((part, _)) => {
-                unused.remove(part);
+            .map(|(part, _)| *part)
+            .find(|part| format!("{example}\n").contains(part))
+    };
+    let used: BTreeSet<&str> = examples.keys().filter_map(|example| of(example)).collect();
+    let unused: Vec<_> = NOT_RUN
+        .iter()
+        .map(|(part, _)| part)
+        .filter(|part| !used.contains(*part))
+        .collect();
+    // Each in a folder of its own, so some run at once.
+    let failures: Vec<String> = examples
+        .par_iter()
+        .filter_map(|(example, source)| {
+            let outcome = if of(example).is_some() {
                 parsed(example)
-            }
-            None => run(example),
-        };
-        if let Err(why) = outcome {
-            failures.push(format!("{source}: {example}\n{why}"));
-        }
-    }
+            } else {
+                run(example)
+            };
+            outcome.err().map(|why| format!("{source}: {example}\n{why}"))
+        })
+        .collect();
     assert!(
         failures.is_empty(),
         "{} fail:\n{}",

@@ -2,7 +2,6 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
 
-use std::fmt::Write as _;
 use std::fs;
 use std::io::{Read, Write};
 use std::net::Shutdown;
@@ -74,7 +73,7 @@ fn bytes(count: u32) -> Vec<u8> {
         let slow = (18.1 * t).sin() + 0.5 * (61.3 * t).sin();
         (128.0 + 50.0 * slow + f64::from(i.wrapping_mul(2_654_435_761) >> 28)) as u8
     };
-    let period: Vec<u8> = (0..1 << 16).map(of).collect();
+    let period: Vec<u8> = (0..count.min(1 << 16)).map(of).collect();
     data.extend(period.iter().cycle().take(count as usize));
     data
 }
@@ -165,28 +164,7 @@ fn site(rods: usize, more: &str) -> String {
         "[site]\nname = \"Weighed\"\nseed = 11\n[abc]\ndraws = 1000\naccept = {{ quantile = 0.1 }}\n{more}"
     );
     for rod in 0..rods {
-        write!(
-            text,
-            r#"
-[[rod]]
-id = "rod-{rod}"
-length_m = 8.0
-section = "round"
-[rod.priors]
-axial_force_n = {{ mean = 150e3, cv = 0.2 }}
-youngs_modulus_pa = {{ mean = 2.0e11, cv = 0.05 }}
-density_kg_m3 = {{ mean = 7800, cv = 0.01 }}
-diameter_m = {{ mean = 0.04, cv = 0.01 }}
-spring_left_n_m = {{ low = 0, high = 100e3 }}
-spring_right_n_m = {{ low = 0, high = 100e3 }}
-[rod.channel]
-topic = "/rod-{rod}"
-field = "values"
-unit = "m"
-fs_hz = 100.0
-"#
-        )
-        .unwrap();
+        text += &crate::site::rods::rod(&format!("rod-{rod}"), 8.0, "values", 100.0);
     }
     text
 }

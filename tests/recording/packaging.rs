@@ -1,6 +1,7 @@
 //! The same messages in any packaging: the same events in the same order, the same lines, rows and alarms.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
+use crate::site::rods::{RESTRAINED, rod_with_air, simulated_rod};
 use crate::site::*;
 use rand::RngExt;
 use std::collections::BTreeMap;
@@ -45,60 +46,17 @@ between_s = 97
 "#
     );
     for (index, id) in RODS.iter().enumerate() {
-        site += &format!(
-            r#"
-[[rod]]
-id = "{id}"
-length_m = 8.0
-section = "round"
-[rod.priors]
-axial_force_n = {{ mean = 150e3, cv = 0.2 }}
-youngs_modulus_pa = {{ mean = 2.0e11, cv = 0.05 }}
-density_kg_m3 = {{ mean = 7800, cv = 0.01 }}
-diameter_m = {{ mean = 0.04, cv = 0.01 }}
-spring_left_n_m = {{ low = 0, high = 100e3 }}
-spring_right_n_m = {{ low = 0, high = 100e3 }}
-[rod.channel]
-topic = "/{id}"
-field = "values"
-unit = "m"
-fs_hz = 100.0
-[rod.temperature]
-topic = "/air"
-unit = "degC"
-"#
-        );
-        simulation += &format!(
-            r#"
-[[simulation.rod]]
-id = "{id}"
-modes = 3
-damping = 0.001
-ambient_m = 30e-6
-[simulation.rod.truth]
-axial_force_n = {force:?}
-youngs_modulus_pa = 2.03e11
-density_kg_m3 = 7800
-diameter_m = 0.0401
-spring_left_n_m = 40e3
-spring_right_n_m = 60e3
-[simulation.rod.sensor]
-at = 0.4
-noise_m = 0.5e-6
-[simulation.rod.thermal]
-restraint = 0.6
-lag_h = 2.0
-{change}
-"#,
-            force = 140e3 + 4e3 * index as f64,
-            // A loss that ends at its neighbour's frequencies, and a record that is none.
-            change = match index {
-                2 => "[[simulation.rod.change]]\nstart_d = 0.6\nrelative = -0.027\n",
-                3 =>
-                    "[[simulation.rod.fault]]\nkind = \"held\"\nat_s = 3.0\nlength_s = 8.0\nfirst_record = 5\nlast_record = 6\n",
-                _ => "",
+        site += &rod_with_air(id, 8.0, "/air");
+        // A loss that ends at its neighbour's frequencies, and a record that is none.
+        let change = match index {
+            2 => "[[simulation.rod.change]]\nstart_d = 0.6\nrelative = -0.027\n",
+            3 => {
+                "[[simulation.rod.fault]]\nkind = \"held\"\nat_s = 3.0\nlength_s = 8.0\nfirst_record = 5\nlast_record = 6\n"
             }
-        );
+            _ => "",
+        };
+        let force_n = 140e3 + 4e3 * index as f64;
+        simulation += &simulated_rod(id, force_n, 3, &format!("{RESTRAINED}{change}"));
     }
     site += "\n[track]\nbaseline_records = 8\nlearning_periods = 10\nparticles = 64\nperiod_h = 1.0\n";
     (site.clone(), site + &simulation)

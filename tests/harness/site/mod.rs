@@ -2,6 +2,9 @@
 
 #![allow(clippy::unwrap_used, dead_code)] // helpers of tests are tests; not every test uses all of them
 
+pub mod rods;
+
+use rods::{RESTRAINED, simulated_rod};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -107,30 +110,8 @@ impl Part {
     }
 
     pub fn config(&self, site: &str) -> String {
-        let rod = |id: &str, force: f64, special: &str| {
-            format!(
-                r#"
-[[simulation.rod]]
-id = "{id}"
-modes = 3
-damping = 0.001
-ambient_m = 30e-6
-[simulation.rod.truth]
-axial_force_n = {force:?}
-youngs_modulus_pa = 2.03e11
-density_kg_m3 = 7800
-diameter_m = 0.0401
-spring_left_n_m = 40e3
-spring_right_n_m = 60e3
-[simulation.rod.sensor]
-at = 0.4
-noise_m = 0.5e-6
-[simulation.rod.thermal]
-restraint = 0.6
-lag_h = 2.0
-{special}
-"#
-            )
+        let rod = |id: &str, force_n: f64, special: &str| {
+            simulated_rod(id, force_n, 3, &format!("{RESTRAINED}{special}"))
         };
         let simulation = format!(
             r#"

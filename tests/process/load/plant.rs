@@ -1,5 +1,6 @@
 //! A site of any number of rods, no two alike, the recordings its sensors send, and a daemon that waits for them.
 
+use crate::site::rods::simulated_rod;
 use crate::survival::process::Process;
 use std::fs;
 use std::path::PathBuf;
@@ -194,26 +195,7 @@ fn rods(plan: &Plan, which: std::ops::Range<usize>) -> String {
     }
     for rod in which {
         let length_m = 8.0 + 0.02 * rod as f64;
-        text += &format!(
-            r#"
-[[rod]]
-id = "rod-{rod}"
-length_m = {length_m:?}
-section = "round"
-[rod.priors]
-axial_force_n = {{ mean = 150e3, cv = 0.2 }}
-youngs_modulus_pa = {{ mean = 2.0e11, cv = 0.05 }}
-density_kg_m3 = {{ mean = 7800, cv = 0.01 }}
-diameter_m = {{ mean = 0.04, cv = 0.01 }}
-spring_left_n_m = {{ low = 0, high = 100e3 }}
-spring_right_n_m = {{ low = 0, high = 100e3 }}
-[rod.channel]
-topic = "/rod-{rod}"
-field = "{field}"
-unit = "m"
-fs_hz = {fs_hz:?}
-"#
-        );
+        text += &crate::site::rods::rod(&format!("rod-{rod}"), length_m, field, fs_hz);
     }
     text
 }
@@ -243,27 +225,7 @@ encoding = "{encoding}"
         fs_hz = plan.fs_hz,
     );
     for rod in take.rods.clone() {
-        text += &format!(
-            r#"
-[[simulation.rod]]
-id = "rod-{rod}"
-modes = {modes}
-damping = 0.001
-ambient_m = 30e-6
-[simulation.rod.truth]
-axial_force_n = 142e3
-youngs_modulus_pa = 2.03e11
-density_kg_m3 = 7800
-diameter_m = 0.0401
-spring_left_n_m = 40e3
-spring_right_n_m = 60e3
-[simulation.rod.sensor]
-at = 0.4
-noise_m = 0.5e-6
-{special}
-"#,
-            modes = plan.modes,
-        );
+        text += &simulated_rod(&format!("rod-{rod}"), 142e3, plan.modes, special);
     }
     text
 }

@@ -4,6 +4,7 @@
 use super::feed::Feed;
 use super::hook::Hook;
 use super::process::{DEADLINE, Process};
+use crate::site::rods::{RESTRAINED, rod_with_air, simulated_rod};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::fs;
@@ -43,30 +44,7 @@ fn site(rods: &[&str]) -> String {
             "south" => 11.0,
             _ => 6.5,
         };
-        let _ = write!(
-            text,
-            r#"
-[[rod]]
-id = "{id}"
-length_m = {length_m:?}
-section = "round"
-[rod.priors]
-axial_force_n = {{ mean = 150e3, cv = 0.2 }}
-youngs_modulus_pa = {{ mean = 2.0e11, cv = 0.05 }}
-density_kg_m3 = {{ mean = 7800, cv = 0.01 }}
-diameter_m = {{ mean = 0.04, cv = 0.01 }}
-spring_left_n_m = {{ low = 0, high = 100e3 }}
-spring_right_n_m = {{ low = 0, high = 100e3 }}
-[rod.channel]
-topic = "/{id}"
-field = "values"
-unit = "m"
-fs_hz = 100.0
-[rod.temperature]
-topic = "/air/{id}"
-unit = "degC"
-"#
-        );
+        text += &rod_with_air(id, length_m, &format!("/air/{id}"));
     }
     text
 }
@@ -96,26 +74,9 @@ season_k = 6.0
 day_k = 3.0
 weather_k = 2.0
 between_s = 1800
-[[simulation.rod]]
-id = "{id}"
-modes = 3
-damping = 0.001
-ambient_m = 30e-6
-[simulation.rod.truth]
-axial_force_n = 142e3
-youngs_modulus_pa = 2.03e11
-density_kg_m3 = 7800
-diameter_m = 0.0401
-spring_left_n_m = 40e3
-spring_right_n_m = 60e3
-[simulation.rod.sensor]
-at = 0.4
-noise_m = 0.5e-6
-[simulation.rod.thermal]
-restraint = 0.6
-lag_h = 2.0
-{change}"#
+"#
         )
+        + &simulated_rod(id, 142e3, 3, &format!("{RESTRAINED}{change}"))
 }
 
 fn tirante(folder: &Path, words: &[&str]) -> std::process::Output {

@@ -9,7 +9,7 @@ use tirante::analysis::numerics::random;
 
 #[test]
 fn killed_at_random_moments_it_loses_nothing_doubles_nothing_and_says_the_same() {
-    let kills = std::env::var("KILLS").map_or(156, |kills| kills.parse().unwrap());
+    let kills = std::env::var("KILLS").map_or(80, |kills| kills.parse().unwrap());
     let seed = std::env::var("SEED").map_or(1, |seed| seed.parse().unwrap());
     let material = Material::long();
     material.undisturbed();

@@ -9,6 +9,9 @@ pub const DAY_S: f64 = 86_400.0;
 /// A Julian year \[d\].
 pub const YEAR_D: f64 = 365.25;
 
+/// A Julian year \[s\].
+pub const YEAR_S: f64 = YEAR_D * DAY_S;
+
 /// Nanoseconds since 1970-01-01T00:00:00 UTC, leap seconds ignored (Unix time).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Timestamp(i64);

@@ -17,14 +17,13 @@ use super::member::Passage;
 use super::onset::Onsets;
 use super::prior::BankPrior;
 use super::row::{Law, Row, Seen};
+use crate::signal::record::time::YEAR_D;
 use serde::{Deserialize, Serialize};
 
 /// Number of periods before the first onset is considered.
 const BEFORE: usize = 4;
 /// Days between the births of ramps.
 const RAMP_EVERY_D: f64 = 7.0;
-/// Days in a year.
-pub(super) const YEAR_D: f64 = 365.25;
 /// Least age in the spacing of onsets \[d\].
 const LEAST_AGE_D: f64 = 0.01;
 /// Largest ln R reported: beyond, it is infinite for every purpose.

@@ -10,7 +10,7 @@
 //! A rod follows the air by hours, masonry by weeks; a weighted sum of filters between stands for lags in between and for
 //! distributed ones.
 
-use super::detector::YEAR_D;
+use crate::signal::record::time::YEAR_D;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 

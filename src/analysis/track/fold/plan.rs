@@ -5,6 +5,7 @@ use crate::identify::{AnalysisSettings, Plan};
 use crate::numerics::random;
 use crate::rod::beam::forward::ForwardModel;
 use crate::rod::prior::RodPrior;
+use crate::signal::record::time::YEAR_S;
 use crate::signal::record::{RodId, Timestamp};
 use crate::track::alternatives::Alternatives;
 use crate::track::baseline::{Baseline, BaselineFault};
@@ -18,9 +19,6 @@ use std::sync::Arc;
 /// Standard deviations of the static parameters allowed for by the bend of the ratio: they may be wrong
 /// together.
 const BEND_SD: f64 = 1.5;
-
-/// The mean Gregorian year \[s\].
-pub const YEAR_S: f64 = 365.2425 * 86_400.0;
 
 /// Relative change of modulus times expansion per kelvin, a standard deviation about none: wrought iron and steel lose some
 /// 3e-4 of their modulus and gain about twice that in expansion.

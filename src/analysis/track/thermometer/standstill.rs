@@ -13,6 +13,7 @@
 //! p_1 ... p_(n-1) times a year at most: one that should come less than [`DEAD_A_YEAR`] times is a dead thermometer, one that should come
 //! less than [`HELD_A_YEAR`] times waits for later readings.
 
+use crate::signal::record::time::YEAR_S;
 use crate::signal::record::{Reading, Timestamp};
 use serde::{Deserialize, Serialize};
 
@@ -37,7 +38,6 @@ const LEAST_SPARSE_LOOKS: usize = 3;
 const LEAST_S: f64 = 36.0 * 3600.0;
 /// Share of a new interval in the usual one.
 const FOLLOW: f64 = 0.1;
-const YEAR_S: f64 = 365.25 * 86_400.0;
 
 /// Judgement of a standstill.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -193,6 +193,7 @@ impl Standstill {
 mod tests {
     use super::*;
     use crate::numerics::random;
+    use crate::signal::record::time::YEAR_D;
     use rand_distr::{Distribution, StandardNormal};
     use std::f64::consts::TAU;
 
@@ -272,7 +273,7 @@ mod tests {
                 weather = f * weather + (1.0 - f * f).sqrt() * normal();
                 slow = g * slow + (1.0 - g * g).sqrt() * normal();
                 let celsius = 13.0
-                    + self.season_k * (TAU * (day / 365.25 + 0.618 * seed as f64)).cos()
+                    + self.season_k * (TAU * (day / YEAR_D + 0.618 * seed as f64)).cos()
                     + self.day_k * amplitude * (TAU * (day - 0.625)).cos()
                     + self.weather_k * weather
                     + self.slow_k * slow
@@ -290,7 +291,7 @@ mod tests {
         fn false_findings(&self, years: f64, seed: u64) -> (usize, f64) {
             let mut standstill = Standstill::default();
             let (mut count, mut held, mut was_dead) = (0, 0, false);
-            let readings = self.readings(365.25 * years, seed);
+            let readings = self.readings(YEAR_D * years, seed);
             for reading in &readings {
                 let still = standstill.take(reading);
                 let is_dead = still == Still::Dead;

@@ -1,10 +1,12 @@
-//! The centre's database: what it knows of each site, and a batch of messages as one transaction.
+//! The centre's database: what it knows of each site, and a batch of messages written as one transaction.
 
+use super::batch::Batch;
+use super::park::write_parked;
 use super::sql::{Sql, SqlError, integer, text};
-use super::tables::{self, Copied, NO_MONTH, Partitions, month_of};
+use super::tables::{self, Copied, NO_MONTH, Partitions};
 use crate::site::store::StoreError;
 use rusqlite::types::Value;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 /// Most rows written by one statement.
 const TOGETHER: usize = 64;
@@ -70,25 +72,6 @@ impl SiteState {
     }
 }
 
-/// A message that is not folded.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Parked {
-    /// Its number in the stream.
-    pub sequence: i64,
-    /// Site of its subject.
-    pub site: String,
-    /// Time at which the server took it \[ns since 1970\].
-    pub time_ns: i64,
-    /// Word for the reason.
-    pub fault: String,
-    /// The reason in one sentence.
-    pub detail: String,
-    /// Its headers, one a line.
-    pub headers: String,
-    /// Its content.
-    pub payload: Vec<u8>,
-}
-
 /// Place in the stream: its latest message that was folded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Position {
@@ -98,107 +81,9 @@ pub struct Position {
     pub time_ns: i64,
 }
 
-/// Content of one transaction.
-#[derive(Debug, Default)]
-pub struct Batch {
-    /// Rows to write by table and key: the last one of a key counts.
-    rows: BTreeMap<(usize, String), Vec<Value>>,
-    /// Rods without records that were removed: site, store, rod.
-    forgotten: Vec<(String, i64, String)>,
-    months: BTreeSet<i64>,
-    /// Bytes of the rows, roughly.
-    bytes: usize,
-    /// Sites whose state changed.
-    pub sites: BTreeMap<String, SiteState>,
-    /// Messages to park.
-    pub parked: Vec<Parked>,
-    /// Messages no longer parked, by number and time.
-    pub taken_up: Vec<(i64, i64)>,
-    /// Latest message of the stream.
-    pub position: Option<Position>,
-}
-
-impl Batch {
-    /// Adds a row of a copied table.
-    pub fn put(
-        &mut self,
-        copied: &[Copied],
-        table: usize,
-        site: &str,
-        store: i64,
-        start_ns: Option<i64>,
-        row: Vec<Value>,
-    ) {
-        let Some(of) = copied.get(table) else { return };
-        let mut key = format!("{site}/{store}");
-        let mut own: Vec<_> = of
-            .shape
-            .columns
-            .iter()
-            .zip(&row)
-            .filter(|(column, _)| column.key > 0)
-            .collect();
-        own.sort_by_key(|(column, _)| column.key);
-        for (_, value) in own {
-            key += &format!("/{value:?}");
-        }
-        let mut values = vec![Value::Text(site.to_owned()), Value::Integer(store)];
-        if of.is_monthly {
-            let month = month_of(start_ns);
-            self.months.insert(month);
-            values.push(Value::Integer(month));
-        }
-        values.extend(row);
-        let size = |value: &Value| match value {
-            Value::Text(text) => text.len(),
-            Value::Blob(bytes) => bytes.len(),
-            _ => 16,
-        };
-        self.bytes += key.len() + values.iter().map(size).sum::<usize>();
-        self.rows.insert((table, key), values);
-    }
-
-    /// Removes the rows of a rod without records, also those of this batch.
-    pub fn forget(&mut self, copied: &[Copied], site: &str, store: i64, rod: &str) {
-        let is_of_rod = |values: &[Value]| {
-            values.first() == Some(&Value::Text(site.to_owned()))
-                && values.get(1) == Some(&Value::Integer(store))
-                && values.get(2) == Some(&Value::Text(rod.to_owned()))
-        };
-        self.rows.retain(|(table, _), values| {
-            let name = copied.get(*table).map(|copied| copied.shape.table);
-            !(matches!(name, Some("rod" | "segment")) && is_of_rod(values))
-        });
-        self.forgotten.push((site.to_owned(), store, rod.to_owned()));
-    }
-
-    /// True if it holds so much that it is to be written before more is added.
-    pub fn is_full(&self) -> bool {
-        const ENOUGH: usize = 16 << 20;
-        let parked: usize = self.parked.iter().map(|parked| parked.payload.len()).sum();
-        self.bytes + parked >= ENOUGH
-    }
-
-    /// Number of rows of a table, by site and store.
-    pub fn count(&self, table: usize) -> BTreeMap<(String, i64), i64> {
-        let mut counts = BTreeMap::new();
-        for (_, row) in self.rows.iter().filter(|((of, _), _)| *of == table) {
-            *counts
-                .entry((text(row.first()), integer(row.get(1))))
-                .or_default() += 1;
-        }
-        counts
-    }
-
-    /// True if there is nothing to write but perhaps the position.
-    pub fn is_empty(&self) -> bool {
-        self.rows.is_empty() && self.sites.is_empty() && self.parked.is_empty() && self.taken_up.is_empty()
-    }
-}
-
 /// The centre's database.
 pub struct Centre {
-    sql: Box<dyn Sql>,
+    pub(super) sql: Box<dyn Sql>,
     copied: Vec<Copied>,
     partitions: Partitions,
     stream: &'static str,
@@ -261,17 +146,6 @@ impl Centre {
         })
     }
 
-    /// Stores that are not the present one of their site though they began later: by [`tables::overruled`], the last commit that
-    /// counts.
-    ///
-    /// # Errors
-    /// The database refuses.
-    pub fn overruled(&mut self) -> Result<BTreeMap<String, i64>, CentreError> {
-        let rows = self.sql.query("SELECT \"key\", \"value\" FROM \"centre\"", &[])?;
-        let word = |row: &Vec<Value>| Some((text(row.first()), text(row.get(1)).parse().ok()?));
-        Ok(rows.iter().filter_map(word).collect())
-    }
-
     /// State of every site.
     ///
     /// # Errors
@@ -318,107 +192,6 @@ impl Centre {
         Ok(sites)
     }
 
-    /// Some parked messages of a site after a place, in order; with a `fault`, those of that one alone.
-    ///
-    /// # Errors
-    /// The database refuses.
-    pub fn parked(
-        &mut self,
-        site: &str,
-        fault: Option<&str>,
-        after: (i64, i64),
-    ) -> Result<Vec<Parked>, CentreError> {
-        /// Each holds up to a message.
-        const PAGE: i64 = 16;
-        let rows = self.sql.query(
-            "SELECT \"sequence\", \"site\", \"time_ns\", \"fault\", \"detail\", \"headers\", \"payload\" FROM \"parked\"
-             WHERE \"site\" = $1 AND (\"sequence\", \"time_ns\") > ($2, $3) AND ($4 = '' OR \"fault\" = $4)
-             ORDER BY \"sequence\", \"time_ns\" LIMIT $5",
-            &[
-                Value::Text(site.to_owned()),
-                Value::Integer(after.0),
-                Value::Integer(after.1),
-                Value::Text(fault.unwrap_or_default().to_owned()),
-                Value::Integer(PAGE),
-            ],
-        )?;
-        let parked = rows.into_iter().map(|row| Parked {
-            sequence: integer(row.first()),
-            site: text(row.get(1)),
-            time_ns: integer(row.get(2)),
-            fault: text(row.get(3)),
-            detail: text(row.get(4)),
-            headers: text(row.get(5)),
-            payload: match row.into_iter().nth(6) {
-                Some(Value::Blob(bytes)) => bytes,
-                _ => Vec::new(),
-            },
-        });
-        Ok(parked.collect())
-    }
-
-    /// Fault and detail of a site's first parked message.
-    ///
-    /// # Errors
-    /// The database refuses.
-    pub fn first_fault(&mut self, site: &str) -> Result<Option<(String, String)>, CentreError> {
-        let rows = self.sql.query(
-            "SELECT \"fault\", \"detail\" FROM \"parked\" WHERE \"site\" = $1 ORDER BY \"sequence\", \"time_ns\" LIMIT 1",
-            &[Value::Text(site.to_owned())],
-        )?;
-        Ok(rows.first().map(|row| (text(row.first()), text(row.get(1)))))
-    }
-
-    /// Makes a history the present one of its site, whatever began after it; a rebuild keeps to that.
-    ///
-    /// # Errors
-    /// There is none of this epoch, or the database refuses.
-    pub fn make_present(&mut self, site: &str, epoch: &str) -> Result<(), CentreError> {
-        let state = self.sites()?.remove(site).unwrap_or_default();
-        let Some(place) = state.histories.iter().position(|history| history.epoch == epoch) else {
-            let what = format!("site \"{site}\" has no store {epoch} at the centre");
-            return Err(SqlError::Refused(what).into());
-        };
-        self.sql.batch("BEGIN")?;
-        let sql = &mut *self.sql;
-        let mut write = || -> Result<(), SqlError> {
-            for (at, history) in state.histories.iter().enumerate() {
-                let key = Value::Text(tables::overruled(site, &history.epoch));
-                if at == place {
-                    sql.execute("DELETE FROM \"centre\" WHERE \"key\" = $1", &[key])?;
-                } else if at > place && history.overruled.is_none() {
-                    sql.execute(
-                        "INSERT INTO \"centre\" (\"key\", \"value\") VALUES ($1, $2)",
-                        &[key, Value::Text(history.through.to_string())],
-                    )?;
-                }
-            }
-            sql.batch("COMMIT")
-        };
-        if let Err(error) = write() {
-            let _ = self.sql.batch("ROLLBACK");
-            return Err(error.into());
-        }
-        Ok(())
-    }
-
-    /// Writes the present reason of a message that is still parked.
-    ///
-    /// # Errors
-    /// The database refuses.
-    pub fn rename(&mut self, place: (i64, i64), fault: &str, detail: &str) -> Result<(), CentreError> {
-        self.sql.execute(
-            "UPDATE \"parked\" SET \"fault\" = $1, \"detail\" = $2 WHERE \"sequence\" = $3 AND \"time_ns\" = $4",
-            &[
-                Value::Text(fault.to_owned()),
-                Value::Text(detail.to_owned()),
-                Value::Integer(place.0),
-                Value::Integer(place.1),
-            ],
-        )?;
-        Ok(())
-    }
-
     /// Number of rows of a copied table, by site and store.
     ///
     /// # Errors
@@ -429,22 +202,6 @@ impl Centre {
         let rows = self.sql.query(&sql, &[])?;
         let count = |row: Vec<Value>| ((text(row.first()), integer(row.get(1))), integer(row.get(2)));
         Ok(rows.into_iter().map(count).collect())
-    }
-
-    /// Drops the parked messages of a site, and its mark; returns their number.
-    ///
-    /// # Errors
-    /// The database refuses.
-    pub fn discard(&mut self, site: &str) -> Result<u64, CentreError> {
-        let name = [Value::Text(site.to_owned())];
-        let dropped = self
-            .sql
-            .execute("DELETE FROM \"parked\" WHERE \"site\" = $1", &name)?;
-        self.sql.execute(
-            "UPDATE \"site\" SET \"fault\" = '', \"detail\" = '' WHERE \"site\" = $1",
-            &name,
-        )?;
-        Ok(dropped)
     }
 
     /// Every row of a copied table of one store, in the order of its key, as that store has it.
@@ -604,22 +361,5 @@ fn write_site(sql: &mut dyn Sql, site: &str, state: SiteState) -> Result<(), Sql
             ],
         )?;
     }
-    Ok(())
-}
-
-fn write_parked(sql: &mut dyn Sql, parked: Parked) -> Result<(), SqlError> {
-    sql.execute(
-        "INSERT INTO \"parked\" (\"sequence\", \"site\", \"time_ns\", \"fault\", \"detail\", \"headers\", \"payload\")
-         VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT (\"sequence\", \"time_ns\") DO NOTHING",
-        &[
-            Value::Integer(parked.sequence),
-            Value::Text(parked.site),
-            Value::Integer(parked.time_ns),
-            Value::Text(parked.fault),
-            Value::Text(parked.detail),
-            Value::Text(parked.headers),
-            Value::Blob(parked.payload),
-        ],
-    )?;
     Ok(())
 }

@@ -3,7 +3,7 @@
 //! Each message is asked for by its number, and comes inside an answer of the server's own: what a site may have written into its
 //! headers cannot end the connection, none can be lost on the way unnoticed, and "there is none" is said, not guessed from silence.
 
-use super::fold::Incoming;
+use super::incoming::Incoming;
 use super::text::fit;
 use crate::config::HubConfig;
 use crate::config::settings::forward::HUB;

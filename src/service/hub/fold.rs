@@ -1,9 +1,11 @@
 //! Judgement of each message: folded, already known, or parked with a reason. It has no connection of its own.
 
-use super::centre::{Batch, History, Parked, Position, SiteState};
+use super::batch::Batch;
+use super::centre::{History, Position, SiteState};
+use super::incoming::Incoming;
 use super::tables::{self, Copied};
 use super::text::fit;
-use crate::service::forward::message::{self, Label, MessageError, OUT};
+use crate::service::forward::message::{self, MessageError};
 use crate::site::store::{Change, FORGOTTEN, is_intact};
 use rusqlite::types::Value;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -23,63 +25,6 @@ pub const UNLISTED: &str = "unlisted";
 const LONGEST_KEY: usize = 600;
 /// Longest reason kept \[bytes\].
 const LONGEST_DETAIL: usize = 500;
-
-/// A message of the stream.
-#[derive(Debug, Clone)]
-pub struct Incoming {
-    /// Its number in the stream.
-    pub sequence: i64,
-    /// Its subject.
-    pub subject: String,
-    /// Its headers, one a line as `Name: value`.
-    pub headers: String,
-    /// Its content.
-    pub payload: Vec<u8>,
-    /// Time at which the server took it \[ns since 1970\].
-    pub time_ns: i64,
-}
-
-impl Incoming {
-    /// Site of the subject; the subject itself if it is no site's.
-    pub fn site(&self) -> &str {
-        self.subject
-            .strip_prefix(OUT)
-            .and_then(|rest| rest.strip_prefix('.'))
-            .unwrap_or(&self.subject)
-    }
-
-    /// Its place in the history of its site.
-    ///
-    /// # Errors
-    /// A header is missing, or no value of its kind.
-    pub fn label(&self) -> Result<Label, MessageError> {
-        let lines = || self.headers.lines().filter_map(|line| line.split_once(": "));
-        Label::read(|name| lines().find(|(found, _)| *found == name).map(|(_, value)| value))
-    }
-
-    fn parked(&self, fault: &str, detail: String) -> Parked {
-        Parked {
-            sequence: self.sequence,
-            site: self.site().to_owned(),
-            time_ns: self.time_ns,
-            fault: fault.to_owned(),
-            detail,
-            headers: self.headers.clone(),
-            payload: self.payload.clone(),
-        }
-    }
-
-    /// The message that was parked.
-    pub fn of_parked(parked: Parked) -> Self {
-        Self {
-            sequence: parked.sequence,
-            subject: format!("{OUT}.{}", parked.site),
-            headers: parked.headers,
-            payload: parked.payload,
-            time_ns: parked.time_ns,
-        }
-    }
-}
 
 /// Result of a message.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -373,7 +318,9 @@ enum Taken {
 mod tests {
     use super::*;
     use crate::analysis::signal::record::{RodId, Timestamp};
+    use crate::service::forward::message::{Label, OUT};
     use crate::service::hub::centre::Centre;
+    use crate::service::hub::park::Parked;
     use crate::service::hub::sqlite::Sqlite;
     use crate::site::store::{Asked, ChangedRow, ConditionEvent, FORMAT, Store};
 

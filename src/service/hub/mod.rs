@@ -3,10 +3,13 @@
 //! One message is folded once: the position in the stream and each site's last commit are written in the transaction of the rows.
 //! A message that cannot be folded is parked with its reason; its site is marked, the others go on. docs/hub.md describes it for operators.
 
+pub mod batch;
 pub mod centre;
 pub mod feed;
 pub mod fold;
+pub mod incoming;
 pub mod page;
+pub mod park;
 mod postgres;
 mod rebuild;
 pub mod sites;

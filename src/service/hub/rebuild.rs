@@ -1,6 +1,7 @@
 //! Rebuild of the centre from the stream alone, which first shows that nothing would be lost.
 
-use super::centre::{Batch, Centre, SiteState};
+use super::batch::Batch;
+use super::centre::{Centre, SiteState};
 use super::feed::{Feed, number};
 use super::fold::Fold;
 use super::work::Work;

@@ -1,8 +1,10 @@
 //! One connection's work of the hub: folds what comes, takes up what was parked, looks for what is missing.
 
-use super::centre::{Batch, Centre, CentreError};
+use super::batch::Batch;
+use super::centre::{Centre, CentreError};
 use super::feed::{Feed, number};
-use super::fold::{self, Fold, Incoming, Judged};
+use super::fold::{self, Fold, Judged};
+use super::incoming::Incoming;
 use super::text::fit;
 use super::{ABOUT, Hub, HubError};
 use crate::service::alert::Backoff;

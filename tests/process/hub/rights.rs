@@ -121,7 +121,7 @@ fn a_stolen_credential_writes_its_own_site_alone_until_it_is_revoked() {
                 headers.insert(name.clone(), values[0].clone());
             }
         }
-        let ack = jetstream::new(client)
+        let ack = jetstream::new(client.clone())
             .publish_with_headers("tirante.v1.out.todi", headers, "forged".into())
             .await
             .unwrap();

@@ -231,6 +231,7 @@ mod tests {
             first,
             last,
             format: FORMAT,
+            mark: "1.22".to_owned(),
         }
     }
 

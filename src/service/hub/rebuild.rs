@@ -84,7 +84,7 @@ fn count(lines: &mut Lines, batch: Batch, of_lines: Option<usize>) {
     }
 }
 
-/// What of a site's histories another state of it lacks.
+/// Results of a site's histories that another state of it lacks, in words.
 fn missing(site: &str, known: &SiteState, there: &Lines, found: &SiteState, lines: &Lines) -> Option<String> {
     for history in &known.histories {
         let (epoch, through) = (&history.epoch, history.through);

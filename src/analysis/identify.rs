@@ -19,7 +19,7 @@ use crate::signal::spectrum::{PeakSettings, Spectrum, WelchSettings};
 use std::sync::Arc;
 
 /// Version of the numbers: raised whenever the same record and configuration may give others.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// Settings of the analysis of one rod.
 #[derive(Debug, Clone, PartialEq)]
@@ -350,7 +350,7 @@ impl Plan {
 
     fn conflict_of(&self, observation: &Observation) -> Result<Conflict, Rejection> {
         let conflict = self.inference.conflict(observation)?;
-        if conflict.prior_distance >= Conflict::OUTSIDE {
+        if conflict.is_outside_prior {
             return Err(Rejection::OutsidePrior {
                 distance: conflict.prior_distance,
             });

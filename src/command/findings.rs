@@ -110,6 +110,14 @@ pub fn force(force: &Marginal) -> String {
     format!("{} kN ({} to {})", kn(force.mean), kn(force.q025), kn(force.q975))
 }
 
+/// Decimals that show two digits of a frequency's standard error, as far as a person reads them.
+pub fn decimals(sd_hz: Option<f64>) -> usize {
+    match sd_hz {
+        Some(sd_hz) if sd_hz > 0.0 => (1.0 - sd_hz.log10().floor()).clamp(1.0, 6.0) as usize,
+        _ => 3,
+    }
+}
+
 /// Every peak with its standard error, damping, level over the noise floor, and nature.
 pub fn peaks(peaks: &[PeakMark]) -> String {
     let mut text = format!(
@@ -117,12 +125,7 @@ pub fn peaks(peaks: &[PeakMark]) -> String {
         "frequency [Hz]", "error [Hz]", "damping [%]", "level [dB]"
     );
     for peak in peaks {
-        // Two digits of the error, as far as a person reads them.
-        let sd_hz = peak.sd_hz.unwrap_or(0.0);
-        let decimals = match sd_hz > 0.0 {
-            true => (1.0 - sd_hz.log10().floor()).clamp(1.0, 6.0) as usize,
-            false => 3,
-        };
+        let decimals = decimals(peak.sd_hz);
         let number = |value: Option<f64>, decimals: usize| {
             value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"))
         };

@@ -382,8 +382,9 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
         let damping = mode
             .damping
             .map_or_else(|| "-".to_owned(), |zeta| format!("{:.3}", zeta * 100.0));
+        let decimals = findings::decimals(Some(mode.sd_hz)).max(4);
         line(format!(
-            "  {:>4}   {:>14.4}   {:>19.4}   {damping:>11}",
+            "  {:>4}   {:>14.decimals$}   {:>19.decimals$}   {damping:>11}",
             mode.order, mode.frequency_hz, mode.sd_hz
         ));
     }

@@ -4,8 +4,8 @@
 use crate::doubles::{Hinged, Linear};
 use std::sync::Arc;
 use tirante::analysis::inference::{
-    AbcSettings, Accept, Adjustment, Conflict, Distance, Inference, Method, Noise, Observation, PlanError,
-    Posterior, Source, Stop, Tables,
+    AbcSettings, Accept, Adjustment, Distance, Inference, Method, Noise, Observation, PlanError, Posterior,
+    Source, Stop, Tables,
 };
 use tirante::analysis::rod::beam::exact::Exact;
 use tirante::analysis::rod::beam::forward::ForwardModel;
@@ -837,10 +837,13 @@ fn frequencies_of_no_rod_lie_outside_the_prior() {
         let model = Exact::new(*prior.parameterisation());
         let inference = defaults(prior.clone(), 3);
         let conflict = inference.conflict(&absurd).unwrap();
-        assert!(conflict.prior_distance > Conflict::OUTSIDE, "{conflict:?}");
+        assert!(conflict.is_outside_prior, "{conflict:?}");
         // A unit mistaken the other way round.
         let slow = Observation::first(&[0.005, 0.01, 0.015], 0.0).unwrap();
-        assert!(inference.conflict(&slow).unwrap().prior_distance > Conflict::OUTSIDE);
+        assert!(inference.conflict(&slow).unwrap().is_outside_prior);
+        // An error as large as the slowest rods' frequencies makes these no faster.
+        let coarse = Observation::first(&[1000.0, 2000.0, 3000.0], 1.0).unwrap();
+        assert!(inference.conflict(&coarse).unwrap().is_outside_prior);
         let mut generator = tirante::analysis::numerics::random::stream(0x0d, 0);
         let mut theta = vec![0.0; 7];
         let mut f = [0.0; 3];
@@ -849,8 +852,21 @@ fn frequencies_of_no_rod_lie_outside_the_prior() {
             prior.sample(&mut generator, &mut theta);
             model.frequencies(&theta, &mut f).unwrap();
             let own = Observation::first(&f, 0.0).unwrap();
-            farthest = farthest.max(inference.conflict(&own).unwrap().prior_distance);
+            let conflict = inference.conflict(&own).unwrap();
+            assert!(!conflict.is_outside_prior, "{conflict:?}");
+            farthest = farthest.max(conflict.prior_distance);
         }
         assert!(farthest < 1.2, "{farthest}");
+    }
+    // A prior with an end: a string of twice and a half its largest force, which no draw of it approaches.
+    let prior = unknown_rod(DENSITY);
+    let model = Exact::new(*prior.parameterisation());
+    let inference = defaults(prior, 3);
+    let taut = [1.9e6, 190e9, 7650.0, 0.05, 1e3, 1e3, 9.5];
+    let mut f = [0.0; 3];
+    model.frequencies(&taut, &mut f).unwrap();
+    for sd in [0.003, 0.1] {
+        let conflict = inference.conflict(&Observation::first(&f, sd).unwrap()).unwrap();
+        assert!(conflict.is_outside_prior, "{f:?} {sd}: {conflict:?}");
     }
 }

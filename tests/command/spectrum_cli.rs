@@ -362,3 +362,85 @@ fn another_programs_file_is_looked_at_as_it_comes() {
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     assert!(said(&output).contains("laser.csv"), "{}", said(&output));
 }
+
+/// Rows with stamps of a busy computer: the rate between their longer intervals (here 0.3 % too high) is no rate of the file. The
+/// record measures it, and what a person says of it is compared with that.
+#[test]
+fn uneven_rows_do_not_contradict_the_rate_they_have() {
+    let cache = tempfile::tempdir().unwrap();
+    let file = path(&cache, "busy.csv");
+    let mut lines = vec!["t [s];x [mm]".to_owned()];
+    for (i, line) in table().lines().skip(1).enumerate() {
+        // Up to 40 % of the interval early or late.
+        let off = ((i as f64 * 12.9898).sin() * 43_758.545_3).fract() * 0.4 / 200.0;
+        let (_, value) = line.split_once(';').unwrap();
+        lines.push(format!("{:.7};{value}", 1.0 + i as f64 / 200.0 + off));
+    }
+    fs::write(&file, lines.join("\n") + "\n").unwrap();
+    for arguments in [
+        vec!["spectrum", &file, "--json"],
+        vec!["spectrum", &file, "--json", "--rate", "200"],
+    ] {
+        let output = tirante(&cache, &arguments);
+        assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+        let look = &json(&output)[0];
+        let fs_hz = look["fs_hz"].as_f64().unwrap();
+        assert!((fs_hz - 200.0).abs() < 0.02, "{look}");
+        assert!(look["flags"].to_string().contains("jitter"), "{look}");
+        let found = peaks(look);
+        assert!(found.iter().any(|(f, _)| (f - 4.5).abs() < 0.01), "{found:?}");
+    }
+    let output = tirante(&cache, &["spectrum", &file, "--rate", "150"]);
+    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
+    let told = said(&output) + &text(&output.stdout);
+    assert!(
+        told.contains("declared 150 Hz") && told.contains("the stamps say 200."),
+        "{told}"
+    );
+}
+
+/// A third of the rows lost one by one, and interpolation asked for: what is missing is told as missing, not as another rate.
+#[test]
+fn lost_rows_are_missing_and_no_other_rate() {
+    let cache = tempfile::tempdir().unwrap();
+    let file = path(&cache, "lost.csv");
+    let mut kept = Vec::new();
+    for (i, line) in table().lines().enumerate() {
+        // Two of seven, and four together now and then.
+        if i < 2 || (i % 7 > 1 && i % 35 > 5) {
+            kept.push(line.to_owned());
+        }
+    }
+    fs::write(&file, kept.join("\n") + "\n").unwrap();
+    let output = tirante(&cache, &["spectrum", &file, "--json", "--resample", "200"]);
+    let look = &json(&output)[0];
+    assert_eq!(look["fs_hz"].as_f64(), Some(200.0), "{look}");
+    assert_ne!(look["rejection"]["code"], "rate", "{look}");
+    let output = tirante(&cache, &["spectrum", &file, "--json"]);
+    let look = &json(&output)[0];
+    assert_eq!(look["rejection"]["code"], "missing", "{look}");
+}
+
+/// `--time` names a column; an array has none, and says so instead of asking for it again.
+#[test]
+fn a_format_without_columns_refuses_time() {
+    let cache = tempfile::tempdir().unwrap();
+    let file = path(&cache, "a.npy");
+    let header = format!(
+        "{:<117}\n",
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (4000,), }"
+    );
+    let mut bytes = b"\x93NUMPY\x01\x00v\x00".to_vec();
+    bytes.extend_from_slice(header.as_bytes());
+    for i in 0..4000 {
+        bytes.extend_from_slice(&(f64::from(i) * 0.2).sin().to_le_bytes());
+    }
+    fs::write(&file, bytes).unwrap();
+    let output = tirante(&cache, &["spectrum", &file, "--time", "t"]);
+    assert_ne!(output.status.code(), Some(0));
+    assert!(
+        said(&output).contains("no column or variable that --time could name"),
+        "{}",
+        said(&output)
+    );
+}

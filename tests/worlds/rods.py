@@ -3,7 +3,9 @@
 import math
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -129,7 +131,9 @@ def questions(nominal, name, unit, fs_hz, expected_n=None):
 def configuration(program, answers, folder, settings=""):
     """One configuration of several rods, each as `tirante init` writes it, and how many it would not write."""
     head, tables, refused = "", [], 0
-    out = folder / "init.toml"
+    # Its own: several files may be configured in one folder at a time.
+    own_folder = tempfile.TemporaryDirectory(dir=folder)
+    out = Path(own_folder.name) / "init.toml"
     for words in answers:
         out.unlink(missing_ok=True)
         command = [str(program), "init", "--out", str(out), *words]
@@ -140,7 +144,7 @@ def configuration(program, answers, folder, settings=""):
             continue
         head, own = parts(out.read_text(encoding="utf-8"))
         tables.append(own)
-    out.unlink(missing_ok=True)
+    own_folder.cleanup()
     return "\n".join([head, settings, *tables]), refused
 
 

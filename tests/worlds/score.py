@@ -30,6 +30,8 @@ class Verdict:
     force_held: bool = None
     force_z: float = None
     motion: str = ""
+    # The likeliest assignment of a record that was refused: its probability, and if it is right.
+    candidate: tuple = None
 
     @property
     def told(self):
@@ -68,6 +70,7 @@ def judge(truth, lines):
     verdict.probability = probability_of(line)
     if not good:
         verdict.code = line["rejection"]["code"]
+        verdict.candidate = judge_candidate(truth, line.get("candidates") or [])
         return verdict
     verdict.claimed = True
     force = line["axial_force_n"]
@@ -77,6 +80,20 @@ def judge(truth, lines):
         for mode in line["modes"]:
             judge_mode(verdict, truth, mode)
     return verdict
+
+
+def judge_candidate(truth, candidates):
+    """The probability stated for the likeliest assignment, and if all its orders are right."""
+    if not candidates:
+        return None
+    best = max(candidates, key=lambda one: one["probability"])
+    if not truth["has_rod"]:
+        return best["probability"], False
+    trial = Verdict(truth["class"], truth["rod"], True, truth["known"], 0, claimed=True)
+    for mode in best["modes"]:
+        # Candidates have no error of their own: a thousandth, small beside the modes' distance.
+        judge_mode(trial, truth, dict(mode, sd_hz=1e-3 * mode["frequency_hz"]))
+    return best["probability"], trial.right
 
 
 def judge_mode(verdict, truth, mode):

@@ -38,17 +38,24 @@ def by_class(verdicts):
     return lines + ([row("all with a rod", with_rod)] if with_rod else [])
 
 
+def stated(verdicts, low, high):
+    """If right, for each probability stated between the limits: of orders that were told, and of the likeliest assignments of records that
+    were refused with it."""
+    told = [v.right for v in verdicts if v.claimed and v.probability is not None and low <= v.probability < high]
+    refused = [v.candidate[1] for v in verdicts if v.code == "no-label" and v.candidate and low <= v.candidate[0] < high]
+    return told, refused
+
+
 def calibration(verdicts):
     """Stated probability of the labels against the share that is right."""
-    lines = ["| stated | records | right % |", "|---|---|---|"]
+    lines = ["| stated | told | right % | likeliest assignment of a refused record | right % |", "|---|---|---|---|---|"]
     for low, high in BINS:
-        some = [v for v in verdicts if v.claimed and v.probability is not None and low <= v.probability < high]
-        if some:
-            hits = sum(v.right for v in some)
-            ends = interval(hits, len(some))
-            lines.append(
-                f"| {low} to {min(high, 1.0)} | {len(some)} | {share(hits, len(some), 1)} ({100 * ends[0]:.0f} to {100 * ends[1]:.0f}) |"
-            )
+        cells = []
+        for some in stated(verdicts, low, high):
+            ends = interval(sum(some), len(some))
+            cells += [str(len(some)), f"{share(sum(some), len(some), 1)} ({100 * ends[0]:.0f} to {100 * ends[1]:.0f})" if some else "-"]
+        if cells[0] != "0" or cells[2] != "0":
+            lines.append(f"| {low} to {min(high, 1.0)} | {' | '.join(cells)} |")
     return lines
 
 
@@ -99,9 +106,9 @@ def requirements(verdicts, few=False):
         first = "when the rod is known" if known else "at first contact"
         # As many as chance allows where fewer records were made than the limit could show.
         need(not some or interval(hits, len(some))[0] <= limit, f"{hits} of {len(some)} records without a rod claimed {first}, wanted {limit}")
-    some = [v for v in verdicts if v.claimed and v.probability is not None and 0.9 <= v.probability < 0.95]
+    some = [right for kind in stated(rods, 0.9, 0.95) for right in kind]
     if some:
-        hits = sum(v.right for v in some)
+        hits = sum(some)
         low, high = interval(hits, len(some))
         need(high >= 0.88 and low <= 0.97, f"{share(hits, len(some), 1)} % of {len(some)} that say 0.9 to 0.95 right, wanted 88 to 97")
     return found

@@ -47,16 +47,14 @@ pub struct Conflict {
     /// not.
     pub prior_tail: f64,
     /// Distance of the frequencies, each by itself, from the mean of the prior's records in ln f, as a multiple of the farthest of
-    /// 4096 of them; of the least distant frequency. At [`Conflict::OUTSIDE`] or more, no rod of the prior
-    /// has any of them.
+    /// 4096 of them on the same side; of the least distant frequency.
     pub prior_distance: f64,
+    /// True if no rod of the prior has any of the frequencies: each lies beyond the farthest of the 4096 by more than a normal tail
+    /// does in a million records.
+    pub is_outside_prior: bool,
 }
 
 impl Conflict {
-    /// Multiple of the farthest draw's distance above which an observation counts as outside the prior: of
-    /// normal records fewer than one in a million lie there, of bounded ones none.
-    pub const OUTSIDE: f64 = 1.5;
-
     /// Solves the grid that every score starts from, once per process; without this call the first score does
     /// it.
     pub fn prepare() {

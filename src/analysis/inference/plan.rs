@@ -255,6 +255,7 @@ impl Inference {
             violation: conflict::violation(orders, frequency_hz, &sd_hz),
             prior_tail: place.tail,
             prior_distance: place.distance,
+            is_outside_prior: place.is_outside,
         })
     }
 

@@ -16,20 +16,26 @@ type Row = [f64; MAX_MODES];
 pub(super) struct Place {
     /// Share of the draws whose Mahalanobis distance from their mean is at least the observation's, which counts as one of them.
     pub(super) tail: f64,
-    /// Distance of its frequencies, each by itself, from their means as a multiple of the farthest draw's; of the least distant of
-    /// them. A pattern no beam has does not count here: the conflict judges that.
+    /// Distance of its frequencies, each by itself, from their means as a multiple of the farthest draw's on the same side; of the
+    /// least distant of them. A pattern no beam has does not count here: the conflict judges that.
     pub(super) distance: f64,
+    /// True if each frequency lies beyond the farthest draw by more than [`BEYOND`] times what this lies beyond the 99 % point.
+    pub(super) is_outside: bool,
 }
+
+/// Room beyond the farthest of 4096 draws, as a multiple of its distance from their 99 % point. A normal tail so reaches to 5.8 standard deviations
+/// (farthest 3.5, 99 % point 2.3); one with an end ends there, because both points lie at the end.
+const BEYOND: f64 = 2.0;
 
 /// The observation among the table's first [`DRAWS`] draws, error and discrepancy included, all by the logarithms of the
 /// frequencies: a prior of the force over decades has no other scale. In the middle if the draws have no
 /// spread.
 pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) -> Place {
     let width = target.terms().len();
-    let entries = |value: &dyn Fn(usize) -> f32| {
+    let entries = |value: &dyn Fn(usize) -> f64| {
         let mut row = [0.0; MAX_MODES];
         for (i, entry) in row[..width].iter_mut().enumerate() {
-            *entry = libm::log(f64::from(value(i)));
+            *entry = value(i);
         }
         row
     };
@@ -38,13 +44,15 @@ pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) ->
             entries(&|i| {
                 let term = &target.terms()[i];
                 let frequency = table.frequency(draw, term.mode);
-                Target::simulated(term, frequency, noise.at(draw, term.mode, 0))
+                let error = Target::simulated(term, frequency, noise.at(draw, term.mode, 0)) - frequency;
+                // The error is that of the observed frequency: as a share of a much lower one it would be no error of this record.
+                libm::log(f64::from(frequency)) + f64::from(error / frequency.max(term.observed))
             })
         })
-        // No answer, or an error larger than the frequency.
+        // No answer.
         .filter(|row| row.iter().all(|value| value.is_finite()))
         .collect();
-    let observed = entries(&|i| target.terms()[i].observed);
+    let observed = entries(&|i| libm::log(f64::from(target.terms()[i].observed)));
     let count = rows.len().max(1) as f64;
     let mut mean = [0.0; MAX_MODES];
     for row in &rows {
@@ -67,6 +75,7 @@ pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) ->
         return Place {
             tail: 1.0,
             distance: 0.0,
+            is_outside: false,
         };
     };
     let distance_squared = |row: &Row| -> f64 {
@@ -84,17 +93,22 @@ pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) ->
     };
     let limit = distance_squared(&observed);
     let further = rows.iter().filter(|row| distance_squared(row) >= limit).count();
-    let mut widest = [0.0_f64; MAX_MODES];
-    for row in &rows {
-        for i in 0..width {
-            widest[i] = widest[i].max((row[i] - mean[i]).abs());
-        }
+    let (mut distance, mut is_outside) = (f64::INFINITY, true);
+    for i in 0..width {
+        let off = observed[i] - mean[i];
+        let mut outward: Vec<f64> = rows
+            .iter()
+            .map(|row| (row[i] - mean[i]).copysign(off * (row[i] - mean[i])))
+            .collect();
+        outward.sort_unstable_by(f64::total_cmp);
+        let farthest = outward[outward.len() - 1];
+        let nearly = outward[99 * (outward.len() - 1) / 100];
+        distance = distance.min(off.abs() / farthest);
+        is_outside &= off.abs() > farthest + BEYOND * (farthest - nearly);
     }
-    let distance = (0..width)
-        .map(|i| (observed[i] - mean[i]).abs() / widest[i])
-        .fold(f64::INFINITY, f64::min);
     Place {
         tail: (further + 1) as f64 / (rows.len() + 1) as f64,
         distance,
+        is_outside,
     }
 }

@@ -40,6 +40,7 @@ impl Plan {
                     ));
                 }
                 if let Some(fs_hz) = channel.fs_hz
+                    && planned.says_rate
                     && !is_same_rate(fs_hz, planned.fs_hz)
                 {
                     return refuse(format!(
@@ -121,7 +122,7 @@ pub(super) fn rate(
     let Timing::Rate { fs_hz, rounding, .. } = timing else {
         return said.or(of_config).ok_or_else(|| {
             ImportError::new(format!(
-                "the file does not say the sample rate of {told}: --rate HZ says it, --time COLUMN where the stamps are"
+                "the file does not say the sample rate of {told}: --rate HZ says it, or --time NAME which column or variable holds the stamps"
             ))
         });
     };

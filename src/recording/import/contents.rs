@@ -100,6 +100,11 @@ pub fn read(mut from: impl Read, path: &Path, how: &How) -> Result<Option<Conten
         (None, Ok(Kind::Foreign(format))) => format,
         (None, Err(error)) => return Err(error),
     };
+    if matches!(how.table.time, csv::TimeColumn::Named(_)) && !format.names_stamps() {
+        return Err(ImportError::new(
+            "has no column or variable that --time could name: only CSV, MATLAB and TDMS files have; --rate HZ says the rate",
+        ));
+    }
     let from = BufReader::with_capacity(1 << 16, Cursor::new(head).chain(from));
     let mut witnesses = Vec::new();
     let (signals, left_out) = match format {

@@ -49,6 +49,11 @@ impl Format {
         }
     }
 
+    /// True if `--time` can name a column or variable with the stamps.
+    pub(super) fn names_stamps(self) -> bool {
+        matches!(self, Self::Csv | Self::Mat | Self::Tdms)
+    }
+
     /// Format of a file name's ending.
     fn of_ending(ending: &str) -> Option<Self> {
         match ending {

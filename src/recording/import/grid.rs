@@ -15,6 +15,10 @@ const SURE: f64 = 1e-4;
 /// fast vibration onto slow.
 const COARSER: f64 = 1.1;
 
+/// Longest gap, in intervals, that becomes missing samples of a resampled stretch: many short stretches would hide from the record how
+/// many samples are missing.
+const SHORT_GAP: f64 = 64.0;
+
 /// Evenly spaced samples without a gap.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stretch {
@@ -208,8 +212,8 @@ pub(super) fn simplest(slope: f64, tolerance: f64) -> f64 {
     slope
 }
 
-/// Interpolates linearly to an even grid of `fs_hz`; gaps of more than three intervals stay gaps. Also
-/// returns the largest distance between a sample of the grid and the stamp nearest to it \[s\].
+/// Interpolates linearly to an even grid of `fs_hz`. Samples in gaps of more than three intervals are missing; a gap of more than
+/// [`SHORT_GAP`] intervals begins another stretch. Also returns the largest distance between a sample of the grid and the stamp nearest to it \[s\].
 pub(super) fn resample(
     stamps: &Stamps,
     values: &[f64],
@@ -229,6 +233,7 @@ pub(super) fn resample(
         )));
     }
     let longest = 3.0 * interval;
+    let farthest = SHORT_GAP * interval;
     let mut grid = Grid {
         fs_hz,
         stretches: Vec::new(),
@@ -238,7 +243,7 @@ pub(super) fn resample(
     let mut begin = 0;
     while begin < nanos.len() {
         let mut end = begin + 1;
-        while end < nanos.len() && difference(nanos[end], nanos[end - 1]) <= longest {
+        while end < nanos.len() && difference(nanos[end], nanos[end - 1]) <= farthest {
             end += 1;
         }
         let first = nanos[begin];
@@ -257,8 +262,13 @@ pub(super) fn resample(
             let (value, nearest) = if at + 1 < end && time > left {
                 let right = difference(nanos[at + 1], first);
                 let share = (time - left) / (right - left);
-                let value = values[at] + share * (values[at + 1] - values[at]);
-                (value, (time - left).min(right - time))
+                match right - left <= longest {
+                    true => {
+                        let value = values[at] + share * (values[at + 1] - values[at]);
+                        (value, (time - left).min(right - time))
+                    }
+                    false => (f64::NAN, 0.0),
+                }
             } else {
                 (values[at], (time - left).abs())
             };
@@ -364,6 +374,23 @@ mod tests {
         assert!(even(&stamps(growing, 1)).is_err());
         let extremes = vec![i64::MIN, -1, 0, i64::MAX];
         let _ = even(&stamps(extremes, 1));
+    }
+
+    /// A third of the samples of a file lost one by one are missing samples of one stretch, not stretches of another rate.
+    #[test]
+    fn short_gaps_are_missing_samples_of_one_stretch() {
+        let kept: Vec<i64> = (0..1000).filter(|i| i % 10 < 6 || *i == 999).collect();
+        let lost = stamps(kept.iter().map(|i| i * 5_000_000).collect(), 1);
+        let values: Vec<f64> = kept.iter().map(|i| *i as f64).collect();
+        let (grid, out) = resample(&lost, &values, 200.0, 10_000).unwrap();
+        assert_eq!((grid.stretches.len(), out.len()), (1, 1000));
+        assert_eq!(grid.deviation_s, 0.0);
+        for (i, value) in out.iter().enumerate() {
+            match i % 10 < 6 || i == 999 {
+                true => assert_eq!(*value, i as f64),
+                false => assert!(value.is_nan(), "{i} {value}"),
+            }
+        }
     }
 
     #[test]

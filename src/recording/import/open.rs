@@ -105,7 +105,7 @@ pub fn open(
                 // Uneven stamps are the record's to measure.
                 channel.fs_hz = channel
                     .fs_hz
-                    .or(Some(planned.fs_hz).filter(|_| !planned.is_stamped));
+                    .or(Some(planned.fs_hz).filter(|_| planned.says_rate));
             }
         }
     }
@@ -150,7 +150,7 @@ pub fn open_any(
             foreign_unit: planned.written_unit.clone().filter(|_| unit.is_none()),
             has_start: planned.says_start,
         });
-        let fs_hz = Some(planned.fs_hz).filter(|_| !planned.is_stamped);
+        let fs_hz = Some(planned.fs_hz).filter(|_| planned.says_rate);
         rods.push(rod(&planned.topic, "", planned.unit, fs_hz));
     }
     let name = path.display().to_string();

@@ -51,6 +51,8 @@ pub struct Planned {
     pub says_start: bool,
     /// True if each sample keeps its own stamp, because they are uneven.
     pub is_stamped: bool,
+    /// True if the rate is given or follows from the stamps; of uneven ones the record measures it.
+    pub says_rate: bool,
 }
 
 impl Planned {
@@ -145,7 +147,9 @@ impl Plan {
                         }
                     },
                 };
-                if asked.resample_hz.is_none() {
+                // The stretches between uneven stamps' longer intervals give no rate: the record measures it.
+                let is_even = grid.stretches.len() < values.len().max(2);
+                if asked.resample_hz.is_none() && is_even {
                     agree(grid.fs_hz, asked.rate_hz, &told)?;
                 }
                 let place = |stretch: &Stretch| {
@@ -153,7 +157,7 @@ impl Plan {
                     (time, stretch.samples.clone())
                 };
                 (
-                    grid.fs_hz,
+                    asked.rate_hz.filter(|_| !is_even).unwrap_or(grid.fs_hz),
                     grid.stretches.iter().map(place).collect(),
                     Some(grid.deviation_s),
                 )
@@ -205,6 +209,7 @@ impl Plan {
             says_unit,
             says_start,
             is_stamped,
+            says_rate: !is_stamped || asked.rate_hz.is_some(),
         })
     }
 

@@ -91,6 +91,7 @@ pub fn identified(rod: &RodId, number: i64) -> Outcome {
             violation: None,
             prior_tail: 0.5,
             prior_distance: 0.3,
+            is_outside_prior: false,
         },
         hangs_on: None,
         tested: None,

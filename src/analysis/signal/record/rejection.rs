@@ -159,8 +159,8 @@ pub enum Rejection {
     },
     /// No rod that the prior allows has such frequencies.
     #[error(
-        "no rod that the prior allows has these frequencies: all of them lie at least {distance:.1} times as far out as the farthest \
-         of thousands of its rods; check the free length, the unit and orders of the frequencies, section and material, or widen axial_force_n"
+        "no rod that the prior allows has these frequencies: all of them lie beyond the farthest of thousands of its rods, at least \
+         {distance:.2} times as far out; check the free length, the unit and orders of the frequencies, section and material, or widen axial_force_n"
     )]
     OutsidePrior {
         /// Distance over that of the farthest draw \[-\].

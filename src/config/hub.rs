@@ -177,7 +177,14 @@ fn postgres(table: &mut Table<'_>) -> Option<PostgresSettings> {
         postgres::config::Host::Unix(_) => true,
     };
     let parsed: Option<postgres::Config> = connection.parse().ok();
-    if ca.is_none() && !parsed.is_some_and(|config| config.get_hosts().iter().all(is_here)) {
+    // `hostaddr` is where the connection goes, whatever `host` says; without both there is no place.
+    let is_all_here = |config: &postgres::Config| {
+        let (hosts, addresses) = (config.get_hosts(), config.get_hostaddrs());
+        !(hosts.is_empty() && addresses.is_empty())
+            && hosts.iter().all(is_here)
+            && addresses.iter().all(std::net::IpAddr::is_loopback)
+    };
+    if ca.is_none() && !parsed.as_ref().is_some_and(is_all_here) {
         table.fault_of(
             "connection",
             "is another machine: name the certificates of its authority as `ca`",

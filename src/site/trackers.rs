@@ -429,7 +429,7 @@ impl Site {
     }
 
     /// Removes JSON lines that are older than `keep_s` before the rod's latest record \[s\], a few at a time: see
-    /// [`Store::forget_lines`].
+    /// [`Store::forget_lines`]. With `copied_to`, a sink that copies the store, only what it has.
     ///
     /// # Errors
     /// The store refuses.
@@ -438,10 +438,18 @@ impl Site {
         rod: &RodId,
         keep_s: f64,
         from: Option<Timestamp>,
+        copied_to: Option<&str>,
     ) -> Result<Option<Timestamp>, StoreError> {
         let latest = self.trackers.get(rod).and_then(|tracker| tracker.state().latest);
         let Some(latest) = latest else { return Ok(from) };
-        self.store.forget_lines(rod, from, latest.plus_seconds(-keep_s))
+        let unsent = match copied_to {
+            Some(sink) => self
+                .store
+                .first_record_after(self.store.delivered(sink)?.unwrap_or(0))?,
+            None => None,
+        };
+        self.store
+            .forget_lines(rod, from, latest.plus_seconds(-keep_s), unsent)
     }
 
     /// Applies the requests about a rod, in their order; returns their number.

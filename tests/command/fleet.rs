@@ -7,7 +7,7 @@ use rusqlite::Connection;
 use rusqlite::types::Value;
 use serde_json::Value as Json;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::thread;
 use std::time::Duration;
@@ -575,6 +575,17 @@ fn an_array_over_stores_gives_what_an_array_over_recordings_gives() {
         );
         assert_equal_dumps(&without_pictures(&full), &without_pictures(&again));
     }
+    // Commits that wait in a store's log are not in the file that was planned.
+    let planned = site.path(&format!("old/{}", again[0]["files"][0]["path"].as_str().unwrap()));
+    let log = PathBuf::from(format!("{}-wal", planned.display()));
+    fs::write(&log, "commits").unwrap();
+    let output = array(&site, "slurm", "again.jsonl", "late");
+    assert!(
+        !output.status.success() && said(&output).contains("write-ahead log"),
+        "{}",
+        said(&output)
+    );
+    assert!(!site.path(&result(&again[0], "late")).exists());
 }
 
 /// Processor time of this process's children that ended \[s\].

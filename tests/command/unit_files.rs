@@ -42,25 +42,35 @@ fn if_installed(command: &mut Command) {
 
 #[test]
 fn the_sandbox_leaves_an_exposure_of_2_or_less() {
-    if_installed(
-        Command::new("systemd-analyze")
-            .args(["security", "--offline=true", "--threshold=20"])
-            .arg(shipped("tirante.service")),
-    );
+    for unit in ["tirante.service", "tirante-hub.service"] {
+        if_installed(
+            Command::new("systemd-analyze")
+                .args(["security", "--offline=true", "--threshold=20"])
+                .arg(shipped(unit)),
+        );
+    }
 }
 
 #[test]
 fn systemd_understands_the_units() {
     let folder = tempfile::tempdir().unwrap();
-    let service = text(&shipped("tirante.service"))
-        .replace("/usr/bin/tirante", env!("CARGO_BIN_EXE_tirante"))
-        .replace("man:tirante-run(1) ", "");
-    fs::write(folder.path().join("tirante.service"), service).unwrap();
+    for (unit, page) in [
+        ("tirante.service", "man:tirante-run(1) "),
+        ("tirante-hub.service", "man:tirante-hub(1) "),
+    ] {
+        let service = text(&shipped(unit));
+        assert!(service.contains(page));
+        let service = service
+            .replace("/usr/bin/tirante", env!("CARGO_BIN_EXE_tirante"))
+            .replace(page, "");
+        fs::write(folder.path().join(unit), service).unwrap();
+    }
     fs::copy(shipped("tirante.socket"), folder.path().join("tirante.socket")).unwrap();
     if_installed(
         Command::new("systemd-analyze")
             .arg("verify")
             .arg(folder.path().join("tirante.service"))
+            .arg(folder.path().join("tirante-hub.service"))
             .arg(folder.path().join("tirante.socket")),
     );
 }
@@ -77,6 +87,17 @@ fn the_unit_keeps_the_promises_of_the_program() {
         "StateDirectory=tirante",
     ] {
         assert!(unit.lines().any(|other| other == line), "no {line}");
+    }
+    // The hub ends if post or database are not there yet: it is begun again until they are.
+    let hub = text(&shipped("tirante-hub.service"));
+    for line in [
+        "ExecStart=/usr/bin/tirante hub --config /etc/tirante/hub.toml",
+        "Restart=on-failure",
+        "RestartPreventExitStatus=2",
+        "StartLimitIntervalSec=0",
+        "User=tirante",
+    ] {
+        assert!(hub.lines().any(|other| other == line), "no {line}");
     }
     let users = text(&shipped("tirante.sysusers"));
     assert!(users.lines().any(|line| line.starts_with("u tirante ")));

@@ -663,7 +663,10 @@ fn a_list_that_ends_where_lines_were_removed_says_so() {
         .unwrap();
     let tenth = lines.found.last().unwrap().mark;
     let before = Timestamp::from_nanos(tenth.start_ns);
-    store.forget_lines(&rod, None, before).unwrap();
+    // What a copy does not have yet stays.
+    store.forget_lines(&rod, None, before, Some(1)).unwrap();
+    assert_eq!(listed(&store, false, 100), (40, false, false));
+    store.forget_lines(&rod, None, before, None).unwrap();
     assert_eq!(listed(&store, false, 100), (10, false, true));
     assert_eq!(listed(&store, false, 5), (5, true, false));
     // Every fifth record of this rod was rejected, the last among them.

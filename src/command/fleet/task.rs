@@ -110,6 +110,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let work = scratch.join(format!(".{site}-{}.tmp", task.result));
     let begun = Instant::now();
     let tally = analyse(&task, &work, args.threads)?;
+    // A daemon may have gone on with the store meanwhile.
+    if task.input == Input::Store
+        && let Err(error) = task.check_files()
+    {
+        tidy(&work, &work);
+        return Err(refused(error));
+    }
     if tally.has_lost() {
         // What was lost would come behind what came after it.
         tidy(&work, &work);

@@ -4,6 +4,8 @@ use super::super::{BadArguments, WITH_LOSSES, print};
 use crate::config::HubConfig;
 use crate::service::hub;
 use crate::site::store::Reader;
+use rusqlite::types::Value;
+use std::collections::HashSet;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -45,9 +47,12 @@ pub fn run(args: &Args, config: &HubConfig) -> anyhow::Result<ExitCode> {
     let reader = Reader::open(&args.store)?;
     let mut centre = hub::beside(&config.storage)?;
     let sites = centre.sites()?;
-    let histories = sites.get(&args.site).map_or(&[][..], |state| &state.histories);
-    let number = args.segment.or(histories.last().map(|last| last.store));
-    let history = histories.iter().find(|history| Some(history.store) == number);
+    let state = sites.get(&args.site).cloned().unwrap_or_default();
+    let number = args.segment.or(state.history().map(|present| present.store));
+    let history = state
+        .histories
+        .iter()
+        .find(|history| Some(history.store) == number);
     let Some(history) = history else {
         let what = format!("the centre has no such store of site \"{}\"", args.site);
         return Err(BadArguments(what).into());
@@ -58,11 +63,20 @@ pub fn run(args: &Args, config: &HubConfig) -> anyhow::Result<ExitCode> {
         if !COMPARED.contains(&table) {
             continue;
         }
-        let theirs = centre.rows_of(&copied, &args.site, history.store)?;
+        let mut theirs = centre.rows_of(&copied, &args.site, history.store)?;
         let own = reader.copied_rows(&copied.shape)?;
+        let removed = if table == "line" {
+            without_removed(&mut theirs, &own)
+        } else {
+            0
+        };
         let first = theirs.iter().zip(&own).position(|(one, other)| one != other);
         let first = first.or((theirs.len() != own.len()).then_some(theirs.len().min(own.len())));
         out += &match first {
+            None if removed > 0 => format!(
+                "{table}: {} rows, all equal; {removed} more at the centre, of records whose line the store no longer has\n",
+                own.len()
+            ),
             None => format!("{table}: {} rows, all equal\n", own.len()),
             Some(place) => {
                 is_equal = false;
@@ -83,4 +97,18 @@ pub fn run(args: &Args, config: &HubConfig) -> anyhow::Result<ExitCode> {
     } else {
         ExitCode::from(WITH_LOSSES)
     })
+}
+
+/// Leaves out lines of records that the store has without one (`[store] keep_lines_d` removes old ones); returns their number. A
+/// line of a record that it does not have is a difference of the table `record`.
+fn without_removed(theirs: &mut Vec<Vec<Value>>, own: &[Vec<Value>]) -> usize {
+    // The key is the first column, an integer.
+    let key = |row: &[Value]| match row.first() {
+        Some(Value::Integer(record)) => Some(*record),
+        _ => None,
+    };
+    let there: HashSet<Option<i64>> = own.iter().map(|row| key(row)).collect();
+    let before = theirs.len();
+    theirs.retain(|row| there.contains(&key(row)));
+    before - theirs.len()
 }

@@ -8,8 +8,12 @@ use crate::service::telemetry::Health;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
+
+/// Longest time to stop by itself.
+const STOP_WITHIN: Duration = Duration::from_secs(5);
 
 /// Checks everything once, then folds until SIGTERM or SIGINT.
 ///
@@ -37,13 +41,17 @@ pub fn run(config: HubConfig) -> anyhow::Result<ExitCode> {
         }
         flag.store(true, Ordering::Relaxed);
         stop.send_replace(true);
+        tokio::time::sleep(STOP_WITHIN).await;
+        // A database or post that hangs holds the folding. What is not committed is folded at the next start.
+        tracing::warn!("the hub ends although the database or the post hangs");
+        std::process::exit(0);
     });
     let hub = Hub::new(&config, &runtime, Arc::clone(&health), stopping);
     // What is not fit is told at once; what fails later is tried again.
     hub.check()?;
     if let Some(listener) = listener {
         tell!("all sites at http://{}", listener.local_addr()?);
-        let page = Page::new(Arc::new(config.clone()), Arc::clone(&health)).routes(access);
+        let page = Page::new(Arc::new(config.clone()), Arc::clone(&health), hub.beat()).routes(access);
         let health = Arc::clone(&health);
         runtime.spawn(async move {
             if let Err(error) = http::serve(listener, page, health, stopped).await {

@@ -37,9 +37,13 @@ pub struct ForwardSettings {
     pub site: String,
 }
 
-/// True for a name that can be a word of a subject.
+/// Name of the hub at the server, which no site may have: it hears what the hub hears.
+pub const HUB: &str = "HUB";
+
+/// True for a name that can be a word of a subject, and is not the hub's.
 pub fn is_site(name: &str) -> bool {
-    (1..=LONGEST_SITE).contains(&name.len())
+    name != HUB
+        && (1..=LONGEST_SITE).contains(&name.len())
         && name
             .bytes()
             .all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_')

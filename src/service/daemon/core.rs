@@ -11,6 +11,7 @@ use crate::analysis::signal::record::{Rejection, RodId, Timestamp};
 use crate::recording::note;
 use crate::recording::read::Place;
 use crate::recording::read::{SourceError, Summary};
+use crate::service::forward::SINK;
 use crate::service::telemetry::{Fault, Health};
 use crate::site::analyse::{Analysed, LastSeen};
 use crate::site::clock;
@@ -314,7 +315,8 @@ impl Core {
         if let Some(keep_s) = self.generation.config.store.keep_lines_s
             && let Some((rod, from)) = self.retention.next(&self.generation.plans)
         {
-            let next = self.durable(|site| site.forget_lines(&rod, keep_s, from))?;
+            let copied_to = self.generation.config.forward.as_ref().map(|_| SINK);
+            let next = self.durable(|site| site.forget_lines(&rod, keep_s, from, copied_to))?;
             self.retention.came_to(rod, next);
         }
         if has_news {

@@ -69,7 +69,7 @@ impl Forward {
             return;
         };
         let jobs = self.jobs.clone();
-        // The position is noted for people; a full queue is no reason to wait.
+        // The position is noted for people, and for lines that may go once they were sent; a full queue is no reason to wait.
         let noted = Box::new(move |through| {
             let sink = SINK.to_owned();
             let _ = jobs.try_send(Job::Delivered { sink, through });

@@ -21,11 +21,16 @@ const FIRST: &str = "Tirante-First";
 const EPOCH: &str = "Tirante-Epoch";
 /// Header: format of the store.
 const STORE_FORMAT: &str = "Tirante-Format";
+/// Header: checksums of the last rows up to its last commit that never change.
+const MARK: &str = "Tirante-Mark";
 /// Header: condition that the server checks.
 const EXPECTED: &str = "Nats-Expected-Last-Subject-Sequence";
 
+/// Least limit on the size of a message, of server and stream \[bytes\].
+pub const LEAST_MESSAGE: i32 = 1 << 20;
+
 /// Largest content of a message without compression \[bytes\].
-const LARGEST: u64 = 64 << 20;
+const LARGEST: usize = 32 << 20;
 /// Level of the compression.
 const LEVEL: i32 = 3;
 
@@ -40,6 +45,9 @@ pub struct Label {
     pub last: i64,
     /// Format of the store.
     pub format: i64,
+    /// Checksums of the last rows up to its last commit that never change, which tell a store that was set back; empty in a message
+    /// without them.
+    pub mark: String,
 }
 
 /// Reason why a message is not read.
@@ -51,23 +59,21 @@ pub enum MessageError {
     /// A newer program wrote it.
     #[error("it is of store format {0}, and this program knows {FORMAT}: update the hub first")]
     Newer(i64),
+    /// The content is too large to be held in memory.
+    #[error("its content has {0} bytes or more without compression, more than {LARGEST}")]
+    Large(usize),
     /// The content cannot be read.
     #[error("its content cannot be read: {0}")]
     Content(String),
 }
 
 impl Label {
-    /// Reads the headers of a message.
+    /// Reads the headers of a message, of which `header` gives the value.
     ///
     /// # Errors
     /// One is missing, or no value of its kind.
-    pub fn read(headers: &HeaderMap) -> Result<Self, MessageError> {
-        let text = |name: &'static str| {
-            headers
-                .get(name)
-                .map(async_nats::HeaderValue::as_str)
-                .ok_or(MessageError::Header(name))
-        };
+    pub fn read<'h>(header: impl Fn(&'static str) -> Option<&'h str>) -> Result<Self, MessageError> {
+        let text = |name: &'static str| header(name).ok_or(MessageError::Header(name));
         let number = |name: &'static str| {
             let number: i64 = text(name)?.parse().map_err(|_| MessageError::Header(name))?;
             (number > 0).then_some(number).ok_or(MessageError::Header(name))
@@ -83,6 +89,7 @@ impl Label {
             first: number(FIRST)?,
             last: number(LAST)?,
             format: number(STORE_FORMAT)?,
+            mark: header(MARK).unwrap_or_default().to_owned(),
         };
         if label.first > label.last {
             return Err(MessageError::Header(FIRST));
@@ -98,6 +105,7 @@ impl Label {
         headers.insert(FIRST, self.first.to_string().as_str());
         headers.insert(EPOCH, self.epoch.as_str());
         headers.insert(STORE_FORMAT, self.format.to_string().as_str());
+        headers.insert(MARK, self.mark.as_str());
         headers.insert(EXPECTED, expected.to_string().as_str());
         headers
     }
@@ -116,7 +124,7 @@ struct Body {
 /// Content of a message with these commits.
 ///
 /// # Errors
-/// It cannot be written as JSON.
+/// It cannot be written as JSON, or would be too large.
 pub fn encode(changes: &[Change]) -> Result<Vec<u8>, MessageError> {
     let row = |row: &ChangedRow| (row.table.clone(), row.values.iter().map(to_json).collect());
     let body = Body {
@@ -127,6 +135,9 @@ pub fn encode(changes: &[Change]) -> Result<Vec<u8>, MessageError> {
     };
     let broken = |error: String| MessageError::Content(error);
     let text = serde_json::to_vec(&body).map_err(|error| broken(error.to_string()))?;
+    if text.len() > LARGEST {
+        return Err(MessageError::Large(text.len()));
+    }
     zstd::encode_all(text.as_slice(), LEVEL).map_err(|error| broken(error.to_string()))
 }
 
@@ -141,8 +152,11 @@ pub fn decode(label: &Label, payload: &[u8]) -> Result<Vec<Change>, MessageError
     let broken = |error: String| MessageError::Content(error);
     let mut text = Vec::new();
     zstd::Decoder::new(payload)
-        .and_then(|decoder| decoder.take(LARGEST).read_to_end(&mut text))
+        .and_then(|decoder| decoder.take(LARGEST as u64 + 1).read_to_end(&mut text))
         .map_err(|error| broken(error.to_string()))?;
+    if text.len() > LARGEST {
+        return Err(MessageError::Large(text.len()));
+    }
     let body: Body = serde_json::from_slice(&text).map_err(|error| broken(error.to_string()))?;
     let mut changes = Vec::new();
     for (expected, (number, rows)) in (label.first..).zip(body.commits) {
@@ -217,6 +231,7 @@ mod tests {
             first,
             last,
             format: FORMAT,
+            mark: "1.22".to_owned(),
         }
     }
 
@@ -272,10 +287,14 @@ mod tests {
         assert!(decode(&label(7, 8), &bomb).is_err());
     }
 
+    fn read(headers: &HeaderMap) -> Result<Label, MessageError> {
+        Label::read(|name| headers.get(name).map(async_nats::HeaderValue::as_str))
+    }
+
     #[test]
     fn a_label_reads_back_and_a_broken_one_is_named() {
         let headers = label(7, 8).headers(3);
-        assert_eq!(Label::read(&headers), Ok(label(7, 8)));
+        assert_eq!(read(&headers), Ok(label(7, 8)));
         assert_eq!(headers.get(EXPECTED).unwrap().as_str(), "3");
         for (name, wrong) in [
             (LAST, "6"),
@@ -286,8 +305,8 @@ mod tests {
         ] {
             let mut headers = label(7, 8).headers(3);
             headers.insert(name, wrong);
-            assert!(Label::read(&headers).is_err(), "{name} {wrong}");
+            assert!(read(&headers).is_err(), "{name} {wrong}");
         }
-        assert!(Label::read(&HeaderMap::new()).is_err());
+        assert!(read(&HeaderMap::new()).is_err());
     }
 }

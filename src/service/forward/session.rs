@@ -3,7 +3,8 @@
 use super::link::{ANSWER, Link, LinkError};
 use super::message::{self, Label, MessageError, OUT, STREAM};
 use crate::config::settings::forward::ForwardSettings;
-use crate::site::store::{Change, ChangedRow, FORMAT, Reader, StoreError};
+use crate::site::store::{Change, FORMAT, Reader, StoreError};
+use async_nats::HeaderValue;
 use async_nats::jetstream::context::PublishErrorKind;
 use async_nats::jetstream::message::{PublishMessage, StreamMessage};
 use async_nats::jetstream::stream::DirectGetErrorKind;
@@ -12,9 +13,7 @@ use async_nats::jetstream::stream::DirectGetErrorKind;
 const MOST: usize = 200;
 /// Room for headers in a message \[bytes\].
 const HEADERS: usize = 4096;
-/// Tables whose rows are written once and kept.
-const NEVER_CHANGED: [&str; 5] = ["config", "record", "mode", "outbox", "notice"];
-/// Largest message sent, even to a server that takes more \[bytes\].
+/// Largest message of several commits \[bytes\]; one commit alone may be as large as the server takes.
 const LARGEST: usize = 1 << 20;
 
 /// Reason why a connection is given up.
@@ -55,7 +54,8 @@ pub enum SessionError {
     },
     /// A commit does not fit into a message.
     #[error(
-        "commit {number} makes a message of {bytes} bytes, and the server takes {allowed}: raise its max_payload"
+        "commit {number} makes a message of {bytes} bytes, and the server takes {allowed}: raise its max_payload, and max_msg_size of \
+         the stream {STREAM} if it has one"
     )]
     TooLarge {
         /// Number of the commit.
@@ -102,7 +102,7 @@ impl<'a> Session<'a> {
     ) -> Result<Self, SessionError> {
         let epoch = reader.epoch()?.ok_or(SessionError::Old)?;
         let link = Link::open(&settings.nats, &settings.site).await?;
-        let allowed = link.client.server_info().max_payload.min(LARGEST) - HEADERS;
+        let allowed = link.client.server_info().max_payload.saturating_sub(HEADERS);
         let mut session = Self {
             link,
             settings,
@@ -137,43 +137,41 @@ impl<'a> Session<'a> {
             };
             return Ok(());
         };
-        let through = match Label::read(&last.headers) {
-            Ok(label) if label.epoch == self.epoch => label.last,
-            Ok(label) if has_led => {
+        let header = |name: &'static str| last.headers.get(name).map(HeaderValue::as_str);
+        // What has no label, or a content that cannot be read, says nothing of the commits before it: the centre parks it, and this
+        // store is sent again from its beginning. What the centre has is recognised there by its number.
+        let label = Label::read(header)
+            .and_then(|label| message::decode(&label, &last.payload).map(|_| label))
+            .ok()
+            .filter(|label| label.epoch != self.epoch || !label.mark.is_empty());
+        let through = match label {
+            Some(label) if label.epoch == self.epoch => {
+                let own = reader.latest_change()?;
+                // Rows of another format have other checksums.
+                let is_ours = label.format != FORMAT || reader.mark_of(label.last)? == label.mark;
+                if label.last > own || !is_ours {
+                    return Err(SessionError::SetBack {
+                        sent: label.last,
+                        own,
+                    });
+                }
+                label.last
+            }
+            Some(label) if has_led => {
                 return Err(SessionError::TwoStores {
                     site: self.settings.site.clone(),
                     other: label.epoch,
                     own: self.epoch.clone(),
                 });
             }
-            // Another store's history ends here, and this one's begins; the centre keeps them apart. A message without a label is
-            // parked there.
+            // Another store's history ends here, and this one's begins; the centre keeps them apart.
             _ => 0,
         };
-        let own = reader.latest_change()?;
-        if through > own || (through > 0 && !self.is_ours(&last, through, reader)?) {
-            return Err(SessionError::SetBack { sent: through, own });
-        }
         self.end = End {
             sequence: last.sequence,
             through,
         };
         Ok(())
-    }
-
-    /// True if the last commit of a message is that of this store: the rows that are never changed are compared, as far as the
-    /// store still has them.
-    fn is_ours(&self, last: &StreamMessage, through: i64, reader: &Reader) -> Result<bool, SessionError> {
-        let sent = Label::read(&last.headers).and_then(|label| message::decode(&label, &last.payload));
-        // What cannot be read the centre parks; the next message follows it all the same.
-        let Ok(mut sent) = sent else { return Ok(true) };
-        let own = reader.changes_after(through - 1, 1)?.pop();
-        let fixed = |change: Option<Change>| -> Vec<ChangedRow> {
-            let rows = change.map(|change| change.rows).unwrap_or_default();
-            let is_fixed = |row: &ChangedRow| NEVER_CHANGED.contains(&row.table.as_str());
-            rows.into_iter().filter(is_fixed).collect()
-        };
-        Ok(fixed(sent.pop()) == fixed(own))
     }
 
     async fn last_message(&self) -> Result<Option<StreamMessage>, SessionError> {
@@ -207,6 +205,7 @@ impl<'a> Session<'a> {
             first: self.end.through + 1,
             last: self.end.through + count as i64,
             format: FORMAT,
+            mark: reader.mark_of(self.end.through + count as i64)?,
         };
         let message = PublishMessage::build()
             .payload(payload.into())
@@ -252,15 +251,23 @@ impl<'a> Session<'a> {
     fn fit(&self, changes: &[Change]) -> Result<Option<(usize, Vec<u8>)>, SessionError> {
         let mut count = changes.len();
         while let Some(change) = changes.first() {
-            let payload = message::encode(&changes[..count])?;
-            if payload.len() <= self.allowed {
-                return Ok(Some((count, payload)));
-            }
+            let allowed = if count == 1 {
+                self.allowed
+            } else {
+                self.allowed.min(LARGEST)
+            };
+            let bytes = match message::encode(&changes[..count]) {
+                Ok(payload) if payload.len() <= allowed => return Ok(Some((count, payload))),
+                Ok(payload) => payload.len(),
+                Err(MessageError::Large(bytes)) if count > 1 => bytes,
+                Err(error) => return Err(error.into()),
+            };
             if count == 1 {
+                let number = change.number;
                 return Err(SessionError::TooLarge {
-                    number: change.number,
-                    bytes: payload.len(),
-                    allowed: self.allowed,
+                    number,
+                    bytes,
+                    allowed,
                 });
             }
             count = count.div_ceil(2);

@@ -1,10 +1,12 @@
-//! The centre's database: what it knows of each site, and a batch of messages as one transaction.
+//! The centre's database: what it knows of each site, and a batch of messages written as one transaction.
 
+use super::batch::Batch;
+use super::park::write_parked;
 use super::sql::{Sql, SqlError, integer, text};
-use super::tables::{self, Copied, NO_MONTH, Partitions, month_of};
+use super::tables::{self, Copied, NO_MONTH, Partitions};
 use crate::site::store::StoreError;
 use rusqlite::types::Value;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 /// Most rows written by one statement.
 const TOGETHER: usize = 64;
@@ -14,7 +16,7 @@ const TOGETHER: usize = 64;
 pub enum CentreError {
     /// The database.
     #[error("the centre's database: {0}")]
-    Sql(String),
+    Sql(SqlError),
     /// The shapes of the tables.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -22,7 +24,7 @@ pub enum CentreError {
 
 impl From<SqlError> for CentreError {
     fn from(error: SqlError) -> Self {
-        Self::Sql(error.to_string())
+        Self::Sql(error)
     }
 }
 
@@ -41,12 +43,14 @@ pub struct History {
     pub sequence: i64,
     /// Begin of its latest record \[ns since 1970\]; 0 without any.
     pub latest_ns: i64,
+    /// Last commit that counts, if an operator said that it is not the site's present one though it began later.
+    pub overruled: Option<i64>,
 }
 
 /// Knowledge of the centre of a site.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct SiteState {
-    /// Its histories, the current one last.
+    /// Its histories in the order in which they began.
     pub histories: Vec<History>,
     /// Time of its latest message \[ns since 1970\].
     pub heard_ns: i64,
@@ -54,23 +58,18 @@ pub struct SiteState {
     pub fault: Option<(String, String)>,
 }
 
-/// A message that is not folded.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Parked {
-    /// Its number in the stream.
-    pub sequence: i64,
-    /// Site of its subject.
-    pub site: String,
-    /// Time at which the server took it \[ns since 1970\].
-    pub time_ns: i64,
-    /// Word for the reason.
-    pub fault: String,
-    /// The reason in one sentence.
-    pub detail: String,
-    /// Its headers, one a line.
-    pub headers: String,
-    /// Its content.
-    pub payload: Vec<u8>,
+impl SiteState {
+    /// Place of the present history: the last that was not overruled.
+    pub fn present(&self) -> Option<usize> {
+        self.histories
+            .iter()
+            .rposition(|history| history.overruled.is_none())
+    }
+
+    /// The present history.
+    pub fn history(&self) -> Option<&History> {
+        self.histories.get(self.present()?)
+    }
 }
 
 /// Place in the stream: its latest message that was folded.
@@ -82,81 +81,9 @@ pub struct Position {
     pub time_ns: i64,
 }
 
-/// Content of one transaction.
-#[derive(Debug, Default)]
-pub struct Batch {
-    /// Rows to write by table and key: the last one of a key counts.
-    rows: BTreeMap<(usize, String), Vec<Value>>,
-    /// Rods without records that were removed: site, store, rod.
-    forgotten: Vec<(String, i64, String)>,
-    months: BTreeSet<i64>,
-    /// Sites whose state changed.
-    pub sites: BTreeMap<String, SiteState>,
-    /// Messages to park.
-    pub parked: Vec<Parked>,
-    /// Messages no longer parked, by number and time.
-    pub taken_up: Vec<(i64, i64)>,
-    /// Latest message of the stream.
-    pub position: Option<Position>,
-}
-
-impl Batch {
-    /// Adds a row of a copied table.
-    pub fn put(
-        &mut self,
-        copied: &[Copied],
-        table: usize,
-        site: &str,
-        store: i64,
-        start_ns: Option<i64>,
-        row: Vec<Value>,
-    ) {
-        let Some(of) = copied.get(table) else { return };
-        let mut key = format!("{site}/{store}");
-        let mut own: Vec<_> = of
-            .shape
-            .columns
-            .iter()
-            .zip(&row)
-            .filter(|(column, _)| column.key > 0)
-            .collect();
-        own.sort_by_key(|(column, _)| column.key);
-        for (_, value) in own {
-            key += &format!("/{value:?}");
-        }
-        let mut values = vec![Value::Text(site.to_owned()), Value::Integer(store)];
-        if of.is_monthly {
-            let month = month_of(start_ns);
-            self.months.insert(month);
-            values.push(Value::Integer(month));
-        }
-        values.extend(row);
-        self.rows.insert((table, key), values);
-    }
-
-    /// Removes the rows of a rod without records, also those of this batch.
-    pub fn forget(&mut self, copied: &[Copied], site: &str, store: i64, rod: &str) {
-        let is_of_rod = |values: &[Value]| {
-            values.first() == Some(&Value::Text(site.to_owned()))
-                && values.get(1) == Some(&Value::Integer(store))
-                && values.get(2) == Some(&Value::Text(rod.to_owned()))
-        };
-        self.rows.retain(|(table, _), values| {
-            let name = copied.get(*table).map(|copied| copied.shape.table);
-            !(matches!(name, Some("rod" | "segment")) && is_of_rod(values))
-        });
-        self.forgotten.push((site.to_owned(), store, rod.to_owned()));
-    }
-
-    /// True if there is nothing to write but perhaps the position.
-    pub fn is_empty(&self) -> bool {
-        self.rows.is_empty() && self.sites.is_empty() && self.parked.is_empty() && self.taken_up.is_empty()
-    }
-}
-
 /// The centre's database.
 pub struct Centre {
-    sql: Box<dyn Sql>,
+    pub(super) sql: Box<dyn Sql>,
     copied: Vec<Copied>,
     partitions: Partitions,
     stream: &'static str,
@@ -243,6 +170,7 @@ impl Centre {
              ORDER BY \"site\", \"store\"",
             &[],
         )?;
+        let overruled = self.overruled()?;
         for row in rows {
             let history = History {
                 store: integer(row.get(1)),
@@ -251,6 +179,9 @@ impl Centre {
                 through: integer(row.get(4)),
                 sequence: integer(row.get(5)),
                 latest_ns: integer(row.get(6)),
+                overruled: overruled
+                    .get(&tables::overruled(&text(row.first()), &text(row.get(2))))
+                    .copied(),
             };
             sites
                 .entry(text(row.first()))
@@ -261,45 +192,16 @@ impl Centre {
         Ok(sites)
     }
 
-    /// Parked messages of a site, in order.
+    /// Number of rows of a copied table, by site and store.
     ///
     /// # Errors
     /// The database refuses.
-    pub fn parked(&mut self, site: &str) -> Result<Vec<Parked>, CentreError> {
-        let rows = self.sql.query(
-            "SELECT \"sequence\", \"site\", \"time_ns\", \"fault\", \"detail\", \"headers\", \"payload\" FROM \"parked\"
-             WHERE \"site\" = $1 ORDER BY \"sequence\"",
-            &[Value::Text(site.to_owned())],
-        )?;
-        let parked = rows.into_iter().map(|row| Parked {
-            sequence: integer(row.first()),
-            site: text(row.get(1)),
-            time_ns: integer(row.get(2)),
-            fault: text(row.get(3)),
-            detail: text(row.get(4)),
-            headers: text(row.get(5)),
-            payload: match row.into_iter().nth(6) {
-                Some(Value::Blob(bytes)) => bytes,
-                _ => Vec::new(),
-            },
-        });
-        Ok(parked.collect())
-    }
-
-    /// Drops the parked messages of a site, and its mark; returns their number.
-    ///
-    /// # Errors
-    /// The database refuses.
-    pub fn discard(&mut self, site: &str) -> Result<u64, CentreError> {
-        let name = [Value::Text(site.to_owned())];
-        let dropped = self
-            .sql
-            .execute("DELETE FROM \"parked\" WHERE \"site\" = $1", &name)?;
-        self.sql.execute(
-            "UPDATE \"site\" SET \"fault\" = '', \"detail\" = '' WHERE \"site\" = $1",
-            &name,
-        )?;
-        Ok(dropped)
+    pub fn counts(&mut self, table: &str) -> Result<BTreeMap<(String, i64), i64>, CentreError> {
+        let sql =
+            format!("SELECT \"site\", \"store\", count(*) FROM \"{table}\" GROUP BY \"site\", \"store\"");
+        let rows = self.sql.query(&sql, &[])?;
+        let count = |row: Vec<Value>| ((text(row.first()), integer(row.get(1))), integer(row.get(2)));
+        Ok(rows.into_iter().map(count).collect())
     }
 
     /// Every row of a copied table of one store, in the order of its key, as that store has it.
@@ -459,22 +361,5 @@ fn write_site(sql: &mut dyn Sql, site: &str, state: SiteState) -> Result<(), Sql
             ],
         )?;
     }
-    Ok(())
-}
-
-fn write_parked(sql: &mut dyn Sql, parked: Parked) -> Result<(), SqlError> {
-    sql.execute(
-        "INSERT INTO \"parked\" (\"sequence\", \"site\", \"time_ns\", \"fault\", \"detail\", \"headers\", \"payload\")
-         VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT (\"sequence\", \"time_ns\") DO NOTHING",
-        &[
-            Value::Integer(parked.sequence),
-            Value::Text(parked.site),
-            Value::Integer(parked.time_ns),
-            Value::Text(parked.fault),
-            Value::Text(parked.detail),
-            Value::Text(parked.headers),
-            Value::Blob(parked.payload),
-        ],
-    )?;
     Ok(())
 }

@@ -1,40 +1,110 @@
 //! The stream as the centre reads it: checked at the start, then in order from any message on.
+//!
+//! Each message is asked for by its number, and comes inside an answer of the server's own: what a site may have written into its
+//! headers cannot end the connection, none can be lost on the way unnoticed, and "there is none" is said, not guessed from silence.
 
-use super::fold::Incoming;
+use super::incoming::Incoming;
+use super::text::fit;
 use crate::config::HubConfig;
-use crate::service::forward::link::{ANSWER, Link, LinkError};
-use crate::service::forward::message::{OUT, STREAM};
-use async_nats::jetstream::consumer::pull::Config as Pull;
-use async_nats::jetstream::consumer::{AckPolicy, Consumer, DeliverPolicy};
+use crate::config::settings::forward::HUB;
+use crate::service::forward::link::{Link, LinkError};
+use crate::service::forward::message::{LEAST_MESSAGE, OUT, STREAM};
 use async_nats::jetstream::context::GetStreamErrorKind;
-use async_nats::jetstream::stream::{Config, DiscardPolicy, RetentionPolicy, StorageType, Stream};
-use futures_util::StreamExt;
+use async_nats::jetstream::stream::{
+    Config, DiscardPolicy, PersistenceMode, RetentionPolicy, StorageType, Stream,
+};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use serde::Deserialize;
+use serde_json::json;
 use std::time::Duration;
 
-/// Name of the hub at the server.
-pub const NAME: &str = "HUB";
-
-/// Most messages fetched at once.
-const TOGETHER: usize = 256;
-/// Most bytes fetched at once.
+/// Most messages asked for at once.
+const TOGETHER: u64 = 32;
+/// Most bytes asked for at once, as far as the messages before tell.
 const BYTES: usize = 16 << 20;
-/// Longest wait for messages.
-const WAIT: Duration = Duration::from_millis(500);
-/// Time after which the server forgets a reader that is gone.
-const FORGOTTEN: Duration = Duration::from_secs(60);
+/// Wait after the end of the stream was reached.
+const WAIT: Duration = Duration::from_millis(50);
+/// The server's error for a message that is not there.
+const NO_MESSAGE: u64 = 10_037;
 /// Age at which a stream that the hub creates drops messages.
 const KEPT: Duration = Duration::from_secs(90 * 86_400);
-/// Largest message.
-const LARGEST: i32 = 1 << 20;
 /// Largest stream that the hub creates \[bytes\].
 const STREAM_BYTES: i64 = 16 << 30;
+/// Most bytes kept of a header's value: no label is longer.
+const HEADER: usize = 200;
+/// Most bytes kept of all headers.
+const HEADERS: usize = 4096;
 
 /// Reading end of the stream.
 pub struct Feed {
     link: Link,
     stream: Stream,
-    reader: Option<Consumer<Pull>>,
     next: u64,
+    /// Number of messages that are asked for beyond the next one.
+    ahead: u64,
+}
+
+/// Answer of the server to the question for a message.
+#[derive(Deserialize)]
+struct Answer {
+    message: Option<Stored>,
+    error: Option<Refusal>,
+}
+
+#[derive(Deserialize)]
+struct Refusal {
+    #[serde(default)]
+    err_code: u64,
+    #[serde(default)]
+    description: String,
+}
+
+/// A message as the server keeps it; headers and content in base64.
+#[derive(Deserialize)]
+struct Stored {
+    subject: String,
+    seq: u64,
+    #[serde(default)]
+    hdrs: String,
+    #[serde(default)]
+    data: String,
+    time: String,
+}
+
+impl Stored {
+    fn read(self) -> Result<Incoming, String> {
+        let bytes = |text: &str| STANDARD.decode(text).map_err(|error| error.to_string());
+        let time: jiff::Timestamp = self
+            .time
+            .parse()
+            .map_err(|error: jiff::Error| error.to_string())?;
+        Ok(Incoming {
+            sequence: i64::try_from(self.seq).unwrap_or(i64::MAX),
+            subject: fit(&self.subject, 255),
+            headers: headers(&bytes(&self.hdrs)?),
+            payload: bytes(&self.data)?,
+            time_ns: i64::try_from(time.as_nanosecond()).unwrap_or(0),
+        })
+    }
+}
+
+/// Lines `Name: value` of a block of headers, whatever it holds; the labels' own first, since junk is cut off.
+fn headers(block: &[u8]) -> String {
+    let text = String::from_utf8_lossy(block);
+    let mut lines: Vec<String> = text
+        .split("\r\n")
+        .skip(1)
+        .filter_map(|line| line.split_once(':'))
+        .map(|(name, value)| format!("{}: {}", fit(name.trim(), HEADER), fit(value.trim(), HEADER)))
+        .collect();
+    lines.sort_by_key(|line| !line.starts_with("Tirante-"));
+    let mut kept = 0;
+    lines.retain(|line| {
+        kept += line.len() + 1;
+        kept <= HEADERS
+    });
+    lines.join("\n")
 }
 
 impl Feed {
@@ -43,7 +113,7 @@ impl Feed {
     /// # Errors
     /// The server cannot be reached, refuses, or is not fit to keep the sites' results.
     pub async fn open(config: &HubConfig) -> Result<Self, LinkError> {
-        let link = Link::open(&config.nats, NAME).await?;
+        let link = Link::open(&config.nats, HUB).await?;
         let url = config.nats.url();
         let stream = match link.jetstream.get_stream(STREAM).await {
             Ok(stream) => stream,
@@ -61,8 +131,8 @@ impl Feed {
         Ok(Self {
             link,
             stream,
-            reader: None,
             next: 1,
+            ahead: 0,
         })
     }
 
@@ -87,133 +157,100 @@ impl Feed {
     }
 
     /// Reads on from a message.
-    ///
-    /// # Errors
-    /// The server refuses.
-    pub async fn seek(&mut self, next: u64) -> Result<(), LinkError> {
-        self.reader = Some(self.reader_from(next, format!("{OUT}.>")).await?);
-        self.next = next;
-        Ok(())
+    pub fn seek(&mut self, next: u64) {
+        self.next = next.max(1);
+        self.ahead = 0;
     }
 
-    async fn reader_from(&self, next: u64, subject: String) -> Result<Consumer<Pull>, LinkError> {
-        let settings = Pull {
-            deliver_policy: DeliverPolicy::ByStartSequence {
-                start_sequence: next.max(1),
-            },
-            // The position is kept with the rows: an acknowledgement would say the same a second time.
-            ack_policy: AckPolicy::None,
-            filter_subject: subject,
-            inactive_threshold: FORGOTTEN,
-            memory_storage: true,
-            num_replicas: 1,
-            ..Pull::default()
-        };
-        self.stream
-            .create_consumer(settings)
-            .await
-            .map_err(|error| self.link.failed(&format!("reading the stream {STREAM}"), &error))
-    }
-
-    /// The next messages, in order; none if none came within half a second.
+    /// The next messages, in order; none, after a short wait, at the end of the stream.
     ///
     /// # Errors
-    /// The server does not answer, or messages were lost on the way: seek again.
+    /// The server does not answer.
     pub async fn fetch(&mut self) -> Result<Vec<Incoming>, LinkError> {
-        let Some(reader) = &self.reader else {
-            return Err(LinkError::Failed("the stream is not being read".to_owned()));
+        let Some(first) = self.next_of(self.next, &format!("{OUT}.>")).await? else {
+            self.ahead = 0;
+            tokio::time::sleep(WAIT).await;
+            return Ok(Vec::new());
         };
-        let found = self.link.unless_lost(self.fetch_from(reader)).await?;
-        for message in &found {
-            let sequence = u64::try_from(message.sequence).unwrap_or(0);
-            if sequence < self.next {
-                return Err(LinkError::Failed(format!(
-                    "message {sequence} came after {}",
-                    self.next
-                )));
-            }
-            self.next = sequence + 1;
+        let begin = number(&first) + 1;
+        let more = (begin..begin + self.ahead).map(|sequence| self.at(sequence));
+        let more = futures_util::future::join_all(more).await;
+        let mut found = vec![first];
+        for message in more {
+            let Some(message) = message? else { break };
+            found.push(message);
         }
+        let count = found.len() as u64;
+        let largest = found.iter().map(|one| one.payload.len()).max().unwrap_or(0);
+        let room = (BYTES / largest.max(1)) as u64;
+        self.ahead = if count > self.ahead {
+            (2 * self.ahead + 1).min(TOGETHER).min(room)
+        } else {
+            count - 1
+        };
+        self.next = begin + count - 1;
         Ok(found)
     }
 
-    async fn fetch_from(&self, reader: &Consumer<Pull>) -> Result<Vec<Incoming>, LinkError> {
-        let failed =
-            |error: &dyn std::error::Error| self.link.failed(&format!("reading the stream {STREAM}"), error);
-        let asked = reader
-            .fetch()
-            .max_messages(TOGETHER)
-            .max_bytes(BYTES)
-            .expires(WAIT)
-            .messages();
-        let mut messages = asked.await.map_err(|error| failed(&error))?;
-        let mut found = Vec::new();
-        let mut before = None;
-        loop {
-            let next = tokio::time::timeout(ANSWER, messages.next()).await;
-            let Some(next) = next.map_err(|elapsed| failed(&elapsed))? else {
-                return Ok(found);
-            };
-            let message = next.map_err(|error| LinkError::Failed(error.to_string()))?;
-            let info = message
-                .info()
-                .map_err(|error| LinkError::Failed(error.to_string()))?;
-            // Messages of one reader are numbered: a gap was lost on the way, and is read again.
-            if before.is_some_and(|before| info.consumer_sequence != before + 1) {
-                return Ok(found);
+    /// The message of a number; `None` if the stream does not have it.
+    ///
+    /// # Errors
+    /// The server does not answer.
+    pub async fn at(&self, sequence: u64) -> Result<Option<Incoming>, LinkError> {
+        let found = self.ask(&json!({ "seq": sequence })).await?;
+        let is_of_a_site = |found: &Incoming| found.subject.starts_with(&format!("{OUT}."));
+        Ok(found.filter(is_of_a_site))
+    }
+
+    /// The first message of a site that is not before a number.
+    ///
+    /// # Errors
+    /// The server does not answer.
+    pub async fn next_of_site(&self, sequence: u64, site: &str) -> Result<Option<Incoming>, LinkError> {
+        self.next_of(sequence, &format!("{OUT}.{site}")).await
+    }
+
+    async fn next_of(&self, sequence: u64, subject: &str) -> Result<Option<Incoming>, LinkError> {
+        self.ask(&json!({ "seq": sequence.max(1), "next_by_subj": subject }))
+            .await
+    }
+
+    async fn ask(&self, question: &serde_json::Value) -> Result<Option<Incoming>, LinkError> {
+        let failed = |error: &dyn std::error::Error| {
+            self.link
+                .failed(&format!("reading the stream {STREAM} ({question})"), error)
+        };
+        let ask = async {
+            let subject = format!("$JS.API.STREAM.MSG.GET.{STREAM}");
+            let asked = self.link.client.request(subject, question.to_string().into());
+            asked.await.map_err(|error| failed(&error))
+        };
+        let answer = self.link.unless_lost(ask).await?;
+        let answer: Answer = serde_json::from_slice(&answer.payload).map_err(|error| failed(&error))?;
+        match answer {
+            Answer {
+                message: Some(message),
+                ..
+            } => message.read().map(Some).map_err(LinkError::Failed),
+            Answer {
+                error: Some(error), ..
+            } if error.err_code == NO_MESSAGE => Ok(None),
+            Answer { error, .. } => {
+                let said = error.map_or_else(String::new, |error| error.description);
+                Err(LinkError::Failed(format!(
+                    "reading the stream {STREAM} ({question}): {said}"
+                )))
             }
-            before = Some(info.consumer_sequence);
-            let time_ns = i64::try_from(info.published.unix_timestamp_nanos()).unwrap_or(0);
-            let sequence = i64::try_from(info.stream_sequence).unwrap_or(i64::MAX);
-            let message = message.message;
-            found.push(Incoming {
-                sequence,
-                subject: message.subject.to_string(),
-                headers: message.headers.unwrap_or_default(),
-                payload: message.payload.to_vec(),
-                time_ns,
-            });
-        }
-    }
-
-    /// Time at which the server took a message \[ns since 1970\]; `None` if the stream no longer has it.
-    ///
-    /// # Errors
-    /// The server does not answer.
-    pub async fn time_of(&self, sequence: u64) -> Result<Option<i64>, LinkError> {
-        let reader = self.reader_from(sequence, format!("{OUT}.>")).await?;
-        let next = self.fetch_from(&reader).await?.into_iter().next();
-        let is_it = |found: &Incoming| u64::try_from(found.sequence) == Ok(sequence);
-        Ok(next.filter(is_it).map(|found| found.time_ns))
-    }
-
-    /// First message of a site that the stream still has.
-    ///
-    /// # Errors
-    /// The server does not answer.
-    pub async fn first_of(&self, site: &str) -> Result<Option<Incoming>, LinkError> {
-        let reader = self.reader_from(1, format!("{OUT}.{site}")).await?;
-        Ok(self.fetch_from(&reader).await?.into_iter().next())
-    }
-
-    /// All messages of a site that the stream has.
-    ///
-    /// # Errors
-    /// The server does not answer.
-    pub async fn all_of(&self, site: &str) -> Result<Vec<Incoming>, LinkError> {
-        let reader = self.reader_from(1, format!("{OUT}.{site}")).await?;
-        let mut all = Vec::new();
-        loop {
-            let found = self.fetch_from(&reader).await?;
-            if found.is_empty() {
-                return Ok(all);
-            }
-            all.extend(found);
         }
     }
 }
 
-/// The stream that the hub creates.
+/// Number of a message in the stream.
+pub fn number(message: &Incoming) -> u64 {
+    u64::try_from(message.sequence).unwrap_or(0)
+}
+
+/// The stream that the hub creates. It takes messages as large as the server does.
 fn wanted() -> Config {
     Config {
         name: STREAM.to_owned(),
@@ -223,7 +260,6 @@ fn wanted() -> Config {
         discard: DiscardPolicy::Old,
         max_age: KEPT,
         max_bytes: STREAM_BYTES,
-        max_message_size: LARGEST,
         allow_direct: true,
         deny_delete: true,
         deny_purge: true,
@@ -242,6 +278,24 @@ fn unfit(config: &Config) -> Option<String> {
         "has no limit: give it max_age and max_bytes, or it fills the disk"
     } else if !config.max_age.is_zero() && config.max_age < least_s {
         "drops messages before they are seven days old: raise max_age"
+    } else if config.max_messages_per_subject > 0 {
+        "keeps some messages of each site alone: unset max_msgs_per_subject"
+    } else if config.max_messages > 0 {
+        "drops messages by their number: unset max_msgs, and limit it by max_age and max_bytes"
+    } else if config.max_message_size > 0 && config.max_message_size < LEAST_MESSAGE {
+        "refuses messages of 1 MiB: raise or unset max_msg_size"
+    } else if config.allow_rollup {
+        "lets a message replace those before it: unset allow_rollup_hdrs"
+    } else if config.allow_message_ttl {
+        "lets a message end earlier than max_age: unset allow_msg_ttl"
+    } else if !config.deny_delete || !config.deny_purge {
+        "lets messages be deleted: set deny_delete and deny_purge"
+    } else if config.persist_mode == Some(PersistenceMode::Async) {
+        "acknowledges before it writes: its persist_mode must be default"
+    } else if config.subjects != [format!("{OUT}.*")] {
+        "is not that of the sites alone: its subjects must be tirante.v1.out.*"
+    } else if config.sealed || config.mirror.is_some() || config.sources.is_some() {
+        "is a copy or sealed: sites cannot write it"
     } else if !config.allow_direct {
         "does not let a site read its own last message: set allow_direct"
     } else if config.no_ack {
@@ -285,18 +339,37 @@ mod tests {
     #[test]
     fn the_stream_that_is_created_is_fit_and_laxer_ones_are_not() {
         assert_eq!(unfit(&wanted()), None);
-        let laxer: [fn(&mut Config); 6] = [
+        let laxer: [fn(&mut Config); 15] = [
             |config| config.storage = StorageType::Memory,
             |config| config.retention = RetentionPolicy::WorkQueue,
             |config| (config.max_age, config.max_bytes) = (Duration::ZERO, -1),
             |config| config.max_age = Duration::from_secs(3600),
             |config| config.allow_direct = false,
             |config| config.no_ack = true,
+            |config| config.max_messages_per_subject = 1,
+            |config| config.max_messages = 1000,
+            |config| config.max_message_size = 1 << 16,
+            |config| config.allow_rollup = true,
+            |config| config.allow_message_ttl = true,
+            |config| config.deny_delete = false,
+            |config| config.deny_purge = false,
+            |config| config.persist_mode = Some(PersistenceMode::Async),
+            |config| config.subjects.push("other".to_owned()),
         ];
         for change in laxer {
             let mut config = wanted();
             change(&mut config);
             assert!(unfit(&config).is_some(), "{config:?}");
         }
+    }
+
+    #[test]
+    fn headers_are_read_whatever_they_hold() {
+        let block = b"NATS/1.0 409 x\r\nTirante-N: 7\r\nA b: \0\xff\rq\r\nnothing\r\n\r\n";
+        assert_eq!(headers(block), "Tirante-N: 7\nA b: \\u{0}\u{fffd}\\u{d}q");
+        let junk = format!("NATS/1.0\r\n{}Tirante-N: 7\r\n\r\n", "X: y\r\n".repeat(9000));
+        let kept = headers(junk.as_bytes());
+        assert!(kept.starts_with("Tirante-N: 7\n") && kept.len() <= HEADERS);
+        assert_eq!(headers(b""), "");
     }
 }

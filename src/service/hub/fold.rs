@@ -1,10 +1,12 @@
 //! Judgement of each message: folded, already known, or parked with a reason. It has no connection of its own.
 
-use super::centre::{Batch, History, Parked, Position, SiteState};
-use super::tables::Copied;
-use crate::service::forward::message::{self, Label, MessageError, OUT};
+use super::batch::Batch;
+use super::centre::{History, Position, SiteState};
+use super::incoming::Incoming;
+use super::tables::{self, Copied};
+use super::text::fit;
+use crate::service::forward::message::{self, MessageError};
 use crate::site::store::{Change, FORGOTTEN, is_intact};
-use async_nats::HeaderMap;
 use rusqlite::types::Value;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -19,64 +21,10 @@ pub const NEWER: &str = "newer-format";
 /// Fault of a site that is not on the list.
 pub const UNLISTED: &str = "unlisted";
 
-/// A message of the stream.
-#[derive(Debug, Clone)]
-pub struct Incoming {
-    /// Its number in the stream.
-    pub sequence: i64,
-    /// Its subject.
-    pub subject: String,
-    /// Its headers.
-    pub headers: HeaderMap,
-    /// Its content.
-    pub payload: Vec<u8>,
-    /// Time at which the server took it \[ns since 1970\].
-    pub time_ns: i64,
-}
-
-impl Incoming {
-    /// Site of the subject; the subject itself if it is no site's.
-    fn site(&self) -> &str {
-        self.subject
-            .strip_prefix(OUT)
-            .and_then(|rest| rest.strip_prefix('.'))
-            .unwrap_or(&self.subject)
-    }
-
-    fn parked(&self, fault: &str, detail: String) -> Parked {
-        let headers: Vec<String> = self
-            .headers
-            .iter()
-            .flat_map(|(name, values)| values.iter().map(move |value| format!("{name}: {value}")))
-            .collect();
-        Parked {
-            sequence: self.sequence,
-            site: self.site().to_owned(),
-            time_ns: self.time_ns,
-            fault: fault.to_owned(),
-            detail,
-            headers: headers.join("\n"),
-            payload: self.payload.clone(),
-        }
-    }
-
-    /// The message that was parked.
-    pub fn of_parked(parked: Parked) -> Self {
-        let mut headers = HeaderMap::new();
-        for line in parked.headers.lines() {
-            if let Some((name, value)) = line.split_once(": ") {
-                headers.append(name, value);
-            }
-        }
-        Self {
-            sequence: parked.sequence,
-            subject: format!("{OUT}.{}", parked.site),
-            headers,
-            payload: parked.payload,
-            time_ns: parked.time_ns,
-        }
-    }
-}
+/// Longest text in a key \[bytes\]: names are at most 255, and PostgreSQL's indices take some 2700 in a row.
+const LONGEST_KEY: usize = 600;
+/// Longest reason kept \[bytes\].
+const LONGEST_DETAIL: usize = 500;
 
 /// Result of a message.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -95,11 +43,17 @@ pub struct Fold {
     copied: Vec<Copied>,
     places: HashMap<&'static str, usize>,
     sites: BTreeMap<String, SiteState>,
+    overruled: BTreeMap<String, i64>,
 }
 
 impl Fold {
     /// A fold that goes on from what the database knows.
-    pub fn new(listed: BTreeSet<String>, copied: Vec<Copied>, sites: BTreeMap<String, SiteState>) -> Self {
+    pub fn new(
+        listed: BTreeSet<String>,
+        copied: Vec<Copied>,
+        sites: BTreeMap<String, SiteState>,
+        overruled: BTreeMap<String, i64>,
+    ) -> Self {
         let places = copied
             .iter()
             .enumerate()
@@ -109,6 +63,7 @@ impl Fold {
             listed,
             copied,
             sites,
+            overruled,
         }
     }
 
@@ -117,127 +72,143 @@ impl Fold {
         &self.sites
     }
 
+    /// Goes on from what the database knows, after a batch was not written.
+    pub fn again(&mut self, sites: BTreeMap<String, SiteState>) {
+        self.sites = sites;
+    }
+
     /// Judges the next message of the stream and adds its effect to the batch.
     pub fn take(&mut self, message: &Incoming, batch: &mut Batch) -> Judged {
-        batch.position = Some(Position {
-            sequence: message.sequence,
-            time_ns: message.time_ns,
-        });
         let judged = self.judge(message, batch);
-        if let Judged::Parked(fault, detail) = &judged {
-            batch.parked.push(message.parked(fault, detail.clone()));
-            let state = self.sites.entry(message.site().to_owned()).or_default();
-            state.heard_ns = state.heard_ns.max(message.time_ns);
-            // The first fault is the cause; what follows it is its consequence.
-            if state.fault.is_none() {
-                state.fault = Some(((*fault).to_owned(), detail.clone()));
-            }
-            batch.sites.insert(message.site().to_owned(), state.clone());
+        match &judged {
+            Judged::Parked(fault, detail) => self.park(message, fault, detail.clone(), batch),
+            Judged::Folded(_) | Judged::Known => Self::pass(message, batch),
         }
         judged
     }
 
-    /// Judges messages that were parked again, in order; the site's fault is that of the first that still does not fit.
-    pub fn take_up(&mut self, site: &str, parked: Vec<Parked>, batch: &mut Batch) -> usize {
-        let mut taken = 0;
-        let mut fault = None;
-        for parked in parked {
-            let place = (parked.sequence, parked.time_ns);
-            match self.judge(&Incoming::of_parked(parked), batch) {
-                Judged::Folded(_) | Judged::Known => {
-                    taken += 1;
-                    batch.taken_up.push(place);
-                }
-                Judged::Parked(word, detail) => {
-                    fault.get_or_insert((word.to_owned(), detail));
-                }
-            }
+    /// Parks the next message of the stream, and marks its site.
+    pub fn park(&mut self, message: &Incoming, fault: &str, detail: String, batch: &mut Batch) {
+        Self::pass(message, batch);
+        batch.parked.push(message.parked(fault, detail.clone()));
+        let state = self.sites.entry(message.site().to_owned()).or_default();
+        state.heard_ns = state.heard_ns.max(message.time_ns);
+        // The first fault is the cause; what follows it is its consequence.
+        if state.fault.is_none() {
+            state.fault = Some((fault.to_owned(), detail));
         }
-        if let Some(state) = self.sites.get_mut(site) {
+        batch.sites.insert(message.site().to_owned(), state.clone());
+    }
+
+    fn pass(message: &Incoming, batch: &mut Batch) {
+        batch.position = Some(Position {
+            sequence: message.sequence,
+            time_ns: message.time_ns,
+        });
+    }
+
+    /// Folds a message out of turn if it fits; one that does not changes nothing. One that was parked no longer is, once it fits.
+    pub fn take_again(&mut self, message: &Incoming, is_parked: bool, batch: &mut Batch) -> Judged {
+        let judged = self.judge(message, batch);
+        if is_parked && !matches!(judged, Judged::Parked(..)) {
+            batch.taken_up.push((message.sequence, message.time_ns));
+        }
+        judged
+    }
+
+    /// Sets the fault of a site, which is that of the first message that is still parked.
+    pub fn mark(&mut self, site: &str, fault: Option<(String, String)>, batch: &mut Batch) {
+        if let Some(state) = self.sites.get_mut(site)
+            && state.fault != fault
+        {
             state.fault = fault;
             batch.sites.insert(site.to_owned(), state.clone());
         }
-        taken
     }
 
-    /// Folds a message out of turn if it fits; one that does not changes nothing.
-    pub fn look_again(&mut self, message: &Incoming, batch: &mut Batch) {
-        self.judge(message, batch);
-    }
-
+    /// A message's effect, or its fault with a detail that every database and log takes.
     fn judge(&mut self, message: &Incoming, batch: &mut Batch) -> Judged {
+        match self.effect(message, batch) {
+            Ok(0) => Judged::Known,
+            Ok(count) => Judged::Folded(count),
+            Err((fault, detail)) => Judged::Parked(fault, fit(&detail, LONGEST_DETAIL)),
+        }
+    }
+
+    /// Adds the new commits of a message to the batch; returns their number.
+    fn effect(&mut self, message: &Incoming, batch: &mut Batch) -> Result<i64, (&'static str, String)> {
         let site = message.site();
         if !self.listed.contains(site) {
-            return Judged::Parked(UNLISTED, format!("{site} is not on the list of sites"));
+            return Err((UNLISTED, format!("{site} is not on the list of sites")));
         }
-        let read = Label::read(&message.headers)
-            .and_then(|label| Ok((message::decode(&label, &message.payload)?, label)));
-        let (changes, label) = match read {
-            Ok(read) => read,
-            Err(error @ MessageError::Newer(_)) => return Judged::Parked(NEWER, error.to_string()),
-            Err(error) => return Judged::Parked(UNREADABLE, error.to_string()),
-        };
+        let label = message.label().map_err(|error| (UNREADABLE, error.to_string()))?;
         let mut state = self.sites.get(site).cloned().unwrap_or_default();
+        state.heard_ns = state.heard_ns.max(message.time_ns);
         let known = state
             .histories
             .iter()
             .position(|history| history.epoch == label.epoch);
-        match known {
-            Some(place) if place + 1 < state.histories.len() => {
-                return Judged::Parked(
-                    REPLACED,
-                    format!(
-                        "store {} was replaced by another and still sends: two machines have the name {site}, or an old copy is at work",
-                        label.epoch
-                    ),
-                );
-            }
-            Some(_) => {}
-            None if label.first != 1 => {
-                return Judged::Parked(
-                    GAP,
-                    format!(
-                        "it begins with commit {} of store {}, and none before is here",
-                        label.first, label.epoch
-                    ),
-                );
-            }
-            None => state.histories.push(History {
+        let overruled = match known.and_then(|place| state.histories.get(place)) {
+            // A stream that was set back is read anew: what was folded before the store was replaced comes again.
+            Some(history) if known != state.present() && label.last <= history.through => return Ok(0),
+            Some(history) => history.overruled,
+            None => self
+                .overruled
+                .get(&tables::overruled(site, &label.epoch))
+                .copied(),
+        };
+        let is_over = match overruled {
+            Some(through) => label.last > through,
+            None => known.is_some() && known != state.present(),
+        };
+        if is_over {
+            let detail = format!(
+                "store {} was replaced by another and still sends: two machines have the name {site}, or an old copy is at work",
+                label.epoch
+            );
+            return Err((REPLACED, detail));
+        }
+        let changes = message::decode(&label, &message.payload).map_err(|error| match error {
+            MessageError::Newer(_) => (NEWER, error.to_string()),
+            error => (UNREADABLE, error.to_string()),
+        })?;
+        if known.is_none() && label.first != 1 {
+            let detail = format!(
+                "it begins with commit {} of store {}, and none before is here",
+                label.first, label.epoch
+            );
+            return Err((GAP, detail));
+        }
+        let place = known.unwrap_or_else(|| {
+            state.histories.push(History {
                 store: state.histories.last().map_or(1, |last| last.store + 1),
                 epoch: label.epoch.clone(),
                 began_ns: message.time_ns,
                 through: 0,
                 sequence: 0,
                 latest_ns: 0,
-            }),
-        }
-        let Some(history) = state.histories.last_mut() else {
-            return Judged::Known;
+                overruled,
+            });
+            state.histories.len() - 1
+        });
+        let Some(history) = state.histories.get_mut(place) else {
+            return Ok(0);
         };
-        if label.first > history.through + 1 {
-            return Judged::Parked(
-                GAP,
-                format!(
-                    "it begins with commit {} of store {}, and {} is the last here",
-                    label.first, label.epoch, history.through
-                ),
-            );
-        }
         let through = history.through;
-        let rows = match self.rows(&changes, through) {
-            Ok(rows) => rows,
-            Err(detail) => return Judged::Parked(UNREADABLE, detail),
-        };
-        state.heard_ns = state.heard_ns.max(message.time_ns);
-        if label.last <= through {
-            // A copy with another time of the server still is a sign of life.
-            batch.sites.insert(site.to_owned(), state.clone());
-            self.sites.insert(site.to_owned(), state);
-            return Judged::Known;
+        if label.first > through + 1 {
+            let detail = format!(
+                "it begins with commit {} of store {}, and {through} is the last here",
+                label.first, label.epoch
+            );
+            return Err((GAP, detail));
         }
-        let store = history.store;
-        history.through = label.last;
-        history.sequence = message.sequence;
+        let rows = self
+            .rows(&changes, through)
+            .map_err(|detail| (UNREADABLE, detail))?;
+        if label.last > through {
+            history.through = label.last;
+            history.sequence = message.sequence;
+        }
         for row in rows {
             match row {
                 Taken::Row(table, start_ns, values) => {
@@ -248,14 +219,14 @@ impl Fold {
                     {
                         history.latest_ns = history.latest_ns.max(start_ns.unwrap_or(0));
                     }
-                    batch.put(&self.copied, table, site, store, start_ns, values);
+                    batch.put(&self.copied, table, site, history.store, start_ns, values);
                 }
-                Taken::Forgotten(rod) => batch.forget(&self.copied, site, store, &rod),
+                Taken::Forgotten(rod) => batch.forget(&self.copied, site, history.store, &rod),
             }
         }
         batch.sites.insert(site.to_owned(), state.clone());
         self.sites.insert(site.to_owned(), state);
-        Judged::Folded(label.last - through)
+        Ok((label.last - through).max(0))
     }
 
     /// Rows of the commits after `through`, each checked against its table.
@@ -268,8 +239,10 @@ impl Fold {
                 let wrong =
                     |what: &str| format!("commit {}: a row of table {}: {what}", change.number, row.table);
                 if row.table == FORGOTTEN {
-                    match row.values.first() {
-                        Some(Value::Text(rod)) => rows.push(Taken::Forgotten(rod.clone())),
+                    match row.values.as_slice() {
+                        [Value::Text(rod)] if is_text(rod) && rod.len() <= LONGEST_KEY => {
+                            rows.push(Taken::Forgotten(rod.clone()));
+                        }
                         _ => return Err(wrong("no rod")),
                     }
                     continue;
@@ -286,8 +259,8 @@ impl Fold {
                 for (column, value) in columns.iter().zip(&row.values) {
                     let is_good = match value {
                         Value::Null => !column.is_required,
-                        // PostgreSQL keeps no such text.
-                        Value::Text(text) if text.contains('\0') => false,
+                        Value::Text(text) if !is_text(text) => false,
+                        Value::Text(text) if column.key > 0 && text.len() > LONGEST_KEY => false,
                         value => column.kind.holds(value),
                     };
                     if !is_good {
@@ -328,6 +301,11 @@ impl Fold {
     }
 }
 
+/// True for a text that PostgreSQL keeps, too.
+fn is_text(text: &str) -> bool {
+    !text.contains('\0')
+}
+
 /// A row that was checked.
 enum Taken {
     /// Table, begin of its record or period, values.
@@ -340,7 +318,9 @@ enum Taken {
 mod tests {
     use super::*;
     use crate::analysis::signal::record::{RodId, Timestamp};
+    use crate::service::forward::message::{Label, OUT};
     use crate::service::hub::centre::Centre;
+    use crate::service::hub::park::Parked;
     use crate::service::hub::sqlite::Sqlite;
     use crate::site::store::{Asked, ChangedRow, ConditionEvent, FORMAT, Store};
 
@@ -370,7 +350,7 @@ mod tests {
             let mut post = Self {
                 centre: Centre::open(Box::new(Sqlite::open(&folder.path().join("centre.db")).unwrap()))
                     .unwrap(),
-                fold: Fold::new(BTreeSet::new(), Vec::new(), BTreeMap::new()),
+                fold: Fold::new(BTreeSet::new(), Vec::new(), BTreeMap::new(), BTreeMap::new()),
                 folder,
                 sequence: 0,
             };
@@ -382,7 +362,8 @@ mod tests {
         fn again(&mut self, listed: &[&str]) {
             let listed = listed.iter().map(|site| (*site).to_owned()).collect();
             let copied = self.centre.copied().to_vec();
-            self.fold = Fold::new(listed, copied, self.centre.sites().unwrap());
+            let (sites, overruled) = (self.centre.sites().unwrap(), self.centre.overruled().unwrap());
+            self.fold = Fold::new(listed, copied, sites, overruled);
         }
 
         fn send(&mut self, message: &Incoming) -> Judged {
@@ -394,10 +375,23 @@ mod tests {
 
         fn take_up(&mut self, site: &str) -> usize {
             let mut batch = Batch::default();
-            let parked = self.centre.parked(site).unwrap();
-            let taken = self.fold.take_up(site, parked, &mut batch);
+            let mut taken = 0;
+            for parked in self.parked(site) {
+                let judged = self
+                    .fold
+                    .take_again(&Incoming::of_parked(parked), true, &mut batch);
+                taken += usize::from(!matches!(judged, Judged::Parked(..)));
+            }
+            self.centre.commit(batch).unwrap();
+            let mut batch = Batch::default();
+            let first = self.centre.first_fault(site).unwrap();
+            self.fold.mark(site, first, &mut batch);
             self.centre.commit(batch).unwrap();
             taken
+        }
+
+        fn parked(&mut self, site: &str) -> Vec<Parked> {
+            self.centre.parked(site, None, (i64::MIN, i64::MIN)).unwrap()
         }
 
         fn of(&mut self, site: &str, store: &Store, first: i64, last: i64) -> Incoming {
@@ -414,11 +408,17 @@ mod tests {
                 first,
                 last,
                 format: FORMAT,
+                mark: String::new(),
             };
+            let headers: Vec<String> = label
+                .headers(0)
+                .iter()
+                .map(|(name, values)| format!("{name}: {}", values[0]))
+                .collect();
             Incoming {
                 sequence: self.sequence,
                 subject: format!("{OUT}.{site}"),
-                headers: label.headers(0),
+                headers: headers.join("\n"),
                 payload: message::encode(changes).unwrap(),
                 time_ns: 1_000 * self.sequence,
             }
@@ -472,7 +472,7 @@ mod tests {
             (post.rows("notice", "todi", 1), post.rows("notice", "gubbio", 1)),
             (5, 5)
         );
-        assert!(post.centre.parked("todi").unwrap().is_empty());
+        assert!(post.parked("todi").is_empty());
     }
 
     #[test]
@@ -493,6 +493,57 @@ mod tests {
         let after = post.of("todi", &old, 5, 6);
         assert!(matches!(post.send(&after), Judged::Parked(REPLACED, _)));
         assert_eq!(post.rows("notice", "todi", 1), 3);
+        // A stream that was set back is read from its beginning: what is known is no fault.
+        post.centre.discard("todi").unwrap();
+        post.again(&SITES);
+        for known in [&begun, &whole] {
+            assert_eq!(post.send(known), Judged::Known);
+        }
+        assert_eq!((post.fault("todi"), post.parked("todi").len()), (None, 0));
+    }
+
+    #[test]
+    fn an_operator_says_which_of_two_stores_is_the_present_one_and_a_rebuild_keeps_to_it() {
+        let (mut post, right, wrong) = (Post::new(), store(), store());
+        let messages = [
+            post.of("todi", &right, 1, 3),
+            post.of("todi", &wrong, 1, 4),
+            post.of("todi", &right, 4, 5),
+            post.of("todi", &wrong, 5, 6),
+            post.of("todi", &right, 6, 6),
+        ];
+        for message in &messages[..3] {
+            post.send(message);
+        }
+        assert_eq!(post.fault("todi").as_deref(), Some(REPLACED));
+        let epoch = right.epoch().unwrap().unwrap();
+        assert!(post.centre.make_present("todi", "nothing").is_err());
+        post.centre.make_present("todi", &epoch).unwrap();
+        let rows = |post: &mut Post| (post.rows("notice", "todi", 1), post.rows("notice", "todi", 2));
+        post.again(&SITES);
+        assert_eq!(post.take_up("todi"), 1);
+        assert_eq!(post.fault("todi"), None);
+        assert!(matches!(post.send(&messages[3]), Judged::Parked(REPLACED, _)));
+        assert_eq!(post.send(&messages[4]), Judged::Folded(1));
+        let state = post.fold.sites()["todi"].clone();
+        assert_eq!(
+            (state.history().unwrap().store, state.history().unwrap().through),
+            (1, 6)
+        );
+        assert_eq!(rows(&mut post), (5, 3));
+        post.centre.clear().unwrap();
+        post.again(&SITES);
+        for message in &messages {
+            post.send(message);
+        }
+        assert_eq!(rows(&mut post), (5, 3));
+        assert_eq!(post.parked("todi").len(), 1);
+        // A word that is taken back.
+        let other = wrong.epoch().unwrap().unwrap();
+        post.centre.make_present("todi", &other).unwrap();
+        post.again(&SITES);
+        assert_eq!(post.take_up("todi"), 1);
+        assert_eq!(rows(&mut post), (5, 5));
     }
 
     #[test]
@@ -506,14 +557,15 @@ mod tests {
         };
         wrong.push((UNREADABLE, broken));
         let bare = Incoming {
-            headers: HeaderMap::new(),
+            headers: String::new(),
             ..good.clone()
         };
         wrong.push((UNREADABLE, bare));
         let mut newer = good.clone();
-        newer
-            .headers
-            .insert("Tirante-Format", (FORMAT + 1).to_string().as_str());
+        newer.headers = newer.headers.replace(
+            &format!("Tirante-Format: {FORMAT}"),
+            &format!("Tirante-Format: {}", FORMAT + 1),
+        );
         wrong.push((NEWER, newer));
         let unlisted = Incoming {
             subject: format!("{OUT}.nobody"),
@@ -522,8 +574,14 @@ mod tests {
         wrong.push((UNLISTED, unlisted));
         let epoch = store.epoch().unwrap().unwrap();
         let changes = store.changes_after(0, 6).unwrap();
-        let edits: [fn(&mut ChangedRow); 6] = [
+        let edits: [fn(&mut ChangedRow); 9] = [
             |row| row.table = "sqlite_schema".to_owned(),
+            |row| row.table = "\0".repeat(1000),
+            |row| {
+                row.table = FORGOTTEN.to_owned();
+                row.values = vec![Value::Text("\0".to_owned())];
+            },
+            |row| row.values[0] = Value::Text("k".repeat(5000)),
             |row| row.values[1] = Value::Text("another".to_owned()),
             |row| row.values[1] = Value::Null,
             |row| row.values[1] = Value::Integer(7),
@@ -545,7 +603,17 @@ mod tests {
             );
         }
         assert_eq!(post.rows("config", "todi", 1), 0);
-        assert_eq!(post.centre.parked("todi").unwrap().len(), 9);
+        let parked = post.parked("todi");
+        assert_eq!(parked.len(), 12);
+        for message in parked {
+            // PostgreSQL and a log take it.
+            assert!(
+                !message.detail.chars().any(char::is_control),
+                "{}",
+                message.detail
+            );
+            assert!(message.detail.len() <= LONGEST_DETAIL);
+        }
         assert_eq!(post.send(&good), Judged::Folded(6));
         // A site that comes onto the list takes up what came before.
         post.again(&["todi", "gubbio", "nobody"]);

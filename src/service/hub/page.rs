@@ -3,7 +3,7 @@
 use super::sites::{self, SiteRow};
 use crate::config::HubConfig;
 use crate::service::http::Access;
-use crate::service::telemetry::Health;
+use crate::service::telemetry::{Beat, Health};
 use crate::site::clock;
 use axum::Router;
 use axum::extract::{Request, State};
@@ -13,11 +13,17 @@ use axum::response::{Html, IntoResponse, Response};
 use axum::routing::get;
 use serde::Serialize;
 use std::fmt::Write;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
+use tokio::sync::Mutex;
 
 /// Time for which a list is shown again without asking the database.
 const FRESH: Duration = Duration::from_secs(1);
+
+/// Time within which the database must answer.
+const ANSWER: Duration = Duration::from_secs(10);
+/// Time within which the folding must show a sign of life.
+const ALIVE: Duration = Duration::from_secs(60);
 
 /// Sites as they were at a time.
 type Listed = (Instant, Arc<Vec<SiteRow>>);
@@ -27,15 +33,17 @@ type Listed = (Instant, Arc<Vec<SiteRow>>);
 pub struct Page {
     config: Arc<HubConfig>,
     health: Arc<Health>,
+    beat: Arc<Beat>,
     listed: Arc<Mutex<Option<Listed>>>,
 }
 
 impl Page {
     /// A page that reads the database of the configuration.
-    pub fn new(config: Arc<HubConfig>, health: Arc<Health>) -> Self {
+    pub fn new(config: Arc<HubConfig>, health: Arc<Health>, beat: Arc<Beat>) -> Self {
         Self {
             config,
             health,
+            beat,
             listed: Arc::default(),
         }
     }
@@ -76,25 +84,28 @@ impl Page {
     }
 
     /// The list, at most a second old.
-    fn rows(&self) -> Result<Arc<Vec<SiteRow>>, String> {
-        let mut listed = self.listed.lock().unwrap_or_else(PoisonError::into_inner);
+    async fn asked(self) -> Result<Arc<Vec<SiteRow>>, Response> {
+        let unavailable = |error: String| (StatusCode::SERVICE_UNAVAILABLE, error + "\n").into_response();
+        let late = |_| unavailable("the database does not answer".to_owned());
+        // One question at a time: while the database hangs, it holds one thread, and not one a request.
+        let listed = tokio::time::timeout(ANSWER, self.listed.lock_owned());
+        let mut listed = listed.await.map_err(late)?;
         if let Some((at, rows)) = &*listed
             && at.elapsed() < FRESH
         {
             return Ok(Arc::clone(rows));
         }
-        let list = || {
-            let mut centre = super::beside(&self.config.storage)?;
-            sites::list(&mut centre, &self.config.sites, clock::now().as_nanos())
-        };
-        let rows = Arc::new(list().map_err(|error: super::CentreError| error.to_string())?);
-        *listed = Some((Instant::now(), Arc::clone(&rows)));
-        Ok(rows)
-    }
-
-    async fn asked(self) -> Result<Arc<Vec<SiteRow>>, Response> {
-        let unavailable = |error: String| (StatusCode::SERVICE_UNAVAILABLE, error + "\n").into_response();
-        match tokio::task::spawn_blocking(move || self.rows()).await {
+        let config = self.config;
+        let list = tokio::task::spawn_blocking(move || {
+            let list = || {
+                let mut centre = super::beside(&config.storage)?;
+                sites::list(&mut centre, &config.sites, clock::now().as_nanos())
+            };
+            let rows = Arc::new(list().map_err(|error: super::CentreError| error.to_string())?);
+            *listed = Some((Instant::now(), Arc::clone(&rows)));
+            Ok(rows)
+        });
+        match tokio::time::timeout(ANSWER, list).await.map_err(late)? {
             Ok(rows) => rows.map_err(unavailable),
             Err(error) => Err(unavailable(error.to_string())),
         }
@@ -123,9 +134,12 @@ async fn healthz(State(page): State<Page>) -> Response {
         .iter()
         .map(|one| serde_json::json!({ "about": one.about, "detail": one.detail }))
         .collect();
-    let is_folding = !conditions.iter().any(|one| one["about"] == super::ABOUT);
+    let is_alive = page.beat.age() < ALIVE;
+    let is_folding = is_alive && !conditions.iter().any(|one| one["about"] == super::ABOUT);
+    let is_well = is_alive && conditions.is_empty();
     let body = serde_json::json!({
-        "status": if conditions.is_empty() { "ok" } else { "degraded" },
+        "status": if is_well { "ok" } else { "degraded" },
+        "folding": is_folding,
         "conditions": conditions,
         "version": env!("CARGO_PKG_VERSION"),
     });

@@ -20,6 +20,12 @@ const LOCK: i64 = 0x0054_6972_616e_7465;
 /// Longest time for a connection.
 const CONNECT: Duration = Duration::from_secs(10);
 
+/// Longest time for which what was sent may stay unacknowledged, and for which a connection may be silent.
+const SILENT: Duration = Duration::from_secs(30);
+/// Longest time of a statement that folds.
+const FOLDING: Duration = Duration::from_secs(60);
+/// Longest time of a statement that reads, which may be a whole table.
+const READING: Duration = Duration::from_secs(600);
 /// Longest time in which the server notices that the one before has ended.
 const RELEASE: Duration = Duration::from_secs(3);
 
@@ -35,7 +41,7 @@ impl Postgres {
     /// # Errors
     /// Another hub has it, or the server cannot be reached or refuses.
     pub fn open(settings: &PostgresSettings) -> Result<Self, SqlError> {
-        let mut server = Self::beside(settings)?;
+        let mut server = Self::connect(settings, FOLDING)?;
         let until = Instant::now() + RELEASE;
         loop {
             let taken = server
@@ -57,9 +63,21 @@ impl Postgres {
     /// # Errors
     /// The server cannot be reached or refuses.
     pub fn beside(settings: &PostgresSettings) -> Result<Self, SqlError> {
+        Self::connect(settings, READING)
+    }
+
+    fn connect(settings: &PostgresSettings, longest: Duration) -> Result<Self, SqlError> {
         let refused = |what: &dyn std::fmt::Display| SqlError::Refused(format!("[postgres]: {what}"));
         let mut config: Config = settings.connection.parse()?;
-        config.connect_timeout(CONNECT).application_name("tirante hub");
+        let own = config.get_options().unwrap_or_default();
+        let options = format!("{own} -c statement_timeout={}", longest.as_millis());
+        config
+            .connect_timeout(CONNECT)
+            .tcp_user_timeout(SILENT)
+            .keepalives_idle(SILENT)
+            .keepalives_interval(SILENT / 3)
+            .options(options.trim())
+            .application_name("tirante hub");
         if let Some(file) = &settings.password_file {
             let bytes = file.read_private().map_err(|error| refused(&error))?;
             config.password(String::from_utf8_lossy(&bytes).trim_end_matches(['\r', '\n']));

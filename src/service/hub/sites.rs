@@ -90,7 +90,7 @@ fn moment(ns: i64) -> Option<String> {
 /// The database refuses.
 pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result<Vec<SiteRow>, CentreError> {
     let known = centre.sites()?;
-    let current = "\"store\" = (SELECT max(\"store\") FROM \"store\" AS s WHERE s.\"site\" = t.\"site\")";
+    let current = "\"store\" = (SELECT p.\"store\" FROM \"present\" AS p WHERE p.\"site\" = t.\"site\")";
     let mut rods = BTreeMap::<String, BTreeMap<String, i64>>::new();
     let counted = centre.sql().query(
         &format!("SELECT \"site\", \"state\", count(*) FROM \"rod\" AS t WHERE {current} GROUP BY \"site\", \"state\""),
@@ -122,7 +122,7 @@ pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result
     for name in names {
         let settings = listed.iter().find(|site| site.name == name);
         let state = known.get(&name).cloned().unwrap_or_default();
-        let history = state.histories.last();
+        let history = state.history();
         let rods = rods.remove(&name).unwrap_or_default();
         let silent_s = (state.heard_ns > 0).then(|| (now_ns - state.heard_ns) as f64 * 1e-9);
         let alarms = integer(alarms.get(&name));

@@ -1,5 +1,6 @@
 //! The little SQL that SQLite and PostgreSQL share: values in, values out, a transaction.
 
+use rusqlite::ErrorCode;
 use rusqlite::types::Value;
 
 /// Error of the centre's database.
@@ -11,6 +12,9 @@ pub enum SqlError {
     /// PostgreSQL, in the server's own words.
     #[error("{0}")]
     Postgres(String),
+    /// PostgreSQL takes the statement, and not the values.
+    #[error("{0}")]
+    Content(String),
     /// It cannot be opened, or is another program's.
     #[error("{0}")]
     Refused(String),
@@ -18,13 +22,31 @@ pub enum SqlError {
 
 impl From<postgres::Error> for SqlError {
     fn from(error: postgres::Error) -> Self {
-        Self::Postgres(match error.as_db_error() {
-            Some(said) => format!("{}: {}", said.severity(), said.message()),
-            None => {
-                let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}"));
-                format!("{error}{}", cause.unwrap_or_default())
-            }
-        })
+        let Some(said) = error.as_db_error() else {
+            let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}"));
+            return Self::Postgres(format!("{error}{}", cause.unwrap_or_default()));
+        };
+        let text = format!("{}: {}", said.severity(), said.message());
+        // Data exceptions, broken constraints, and limits as that of a row in an index.
+        if ["22", "23", "54"].contains(&&said.code().code()[..2]) {
+            Self::Content(text)
+        } else {
+            Self::Postgres(text)
+        }
+    }
+}
+
+impl SqlError {
+    /// True if the database would take another content: the same again is refused again.
+    pub fn is_of_content(&self) -> bool {
+        match self {
+            Self::Content(_) => true,
+            Self::Sqlite(error) => matches!(
+                error.sqlite_error_code(),
+                Some(ErrorCode::ConstraintViolation | ErrorCode::TooBig | ErrorCode::TypeMismatch)
+            ),
+            Self::Postgres(_) | Self::Refused(_) => false,
+        }
     }
 }
 

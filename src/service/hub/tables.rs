@@ -173,6 +173,16 @@ const OWN: [(&str, &str); 5] = [
     ),
 ];
 
+/// Key in the table `centre` of the word that a store is not the present one of its site, though it began later.
+pub fn overruled(site: &str, epoch: &str) -> String {
+    format!("overruled {site} {epoch}")
+}
+
+/// Present store of each site.
+const PRESENT: &str = "VIEW \"present\" AS SELECT s.\"site\" AS \"site\", max(s.\"store\") AS \"store\" FROM \"store\" s \
+    WHERE NOT EXISTS (SELECT 1 FROM \"centre\" c WHERE c.\"key\" = 'overruled ' || s.\"site\" || ' ' || s.\"epoch\") \
+    GROUP BY s.\"site\";";
+
 /// Names of all tables.
 pub fn names(copied: &[Copied]) -> Vec<&str> {
     let own = OWN.iter().map(|(name, _)| *name);
@@ -199,6 +209,13 @@ pub fn create(sql: &mut dyn Sql, copied: &[Copied]) -> Result<(), SqlError> {
     for copied in copied {
         let _ = writeln!(all, "{}", copied.definition(is_postgres));
     }
+    let create = if is_postgres {
+        "CREATE OR REPLACE"
+    } else {
+        "CREATE"
+    };
+    let there = if is_postgres { "VIEW" } else { "VIEW IF NOT EXISTS" };
+    all += &format!("{create} {}\n", PRESENT.replacen("VIEW", there, 1));
     all += "CREATE INDEX IF NOT EXISTS \"record_of_rod\" ON \"record\" (\"site\", \"store\", \"rod\", \"start_ns\");";
     sql.batch(&all)?;
     sql.execute(
@@ -244,8 +261,9 @@ impl Partitions {
             Some(known) => known,
             none => {
                 let found = sql.query(
-                    "SELECT CAST(substr(relname, 8) AS BIGINT) FROM pg_class
-                     WHERE relname ~ '^period_[0-9]+$' AND relispartition",
+                    // Those of our table alone: another schema may hold a copy of the centre.
+                    "SELECT CAST(substr(relname, 8) AS BIGINT) FROM pg_inherits JOIN pg_class ON pg_class.oid = inhrelid
+                     WHERE inhparent = '\"period\"'::regclass AND relname ~ '^period_[0-9]+$'",
                     &[],
                 )?;
                 none.insert(found.iter().map(|row| integer(row.first())).collect())

@@ -2,7 +2,7 @@
 
 use crate::site::hex::hex;
 use sha2::{Digest, Sha256};
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
 
@@ -71,6 +71,13 @@ fn add(hash: &mut Sha256, file: &mut File, most: u64) -> io::Result<()> {
             count => hash.update(buffer.get(..count).unwrap_or_default()),
         }
     }
+}
+
+/// True if commits of a store wait in its write-ahead log: its file alone is then not its content.
+pub fn has_open_log(store: &Path) -> bool {
+    let mut log = store.as_os_str().to_owned();
+    log.push("-wal");
+    fs::metadata(log).is_ok_and(|data| data.len() > 0)
 }
 
 #[cfg(test)]

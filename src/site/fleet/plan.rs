@@ -225,9 +225,7 @@ fn item(wanted: &Wanted<'_>, path: &Path) -> Result<Item, String> {
         // A page in the middle of a database changes without a trace at its ends, and what is not in it yet has no identity.
         Input::Store => Thoroughness::Whole,
     };
-    let mut log = path.as_os_str().to_owned();
-    log.push("-wal");
-    if wanted.input == Input::Store && fs::metadata(&log).is_ok_and(|data| data.len() > 0) {
+    if wanted.input == Input::Store && identity::has_open_log(path) {
         return Err(format!(
             "{}: commits wait in its write-ahead log: take a copy by `tirante backup`",
             path.display()

@@ -171,6 +171,13 @@ impl Task {
                     self.site
                 ))
             })?;
+            if self.input == Input::Store && identity::has_open_log(&path) {
+                return Err(TaskError::Outdated(format!(
+                    "site {}: {name}: commits wait in its write-ahead log, which was not so when the plan was made: take a copy by \
+                     `tirante backup`, and plan again",
+                    self.site
+                )));
+            }
             if bytes != item.bytes || identity != item.identity {
                 return Err(TaskError::Outdated(format!(
                     "site {}: {name} changed since the plan was made ({} bytes then, {bytes} now): plan again",

@@ -175,7 +175,8 @@ pub(super) fn begin_log(connection: &Connection, id: String) -> rusqlite::Result
     of(
         "SELECT rod, number FROM segment ORDER BY rod, number",
         "segment",
-        false,
+        // Each holds the particles of a baseline, tens of kilobytes: a hundred together are no message.
+        true,
     )?;
     of("SELECT id FROM record ORDER BY id", "record", true)?;
     of(

@@ -24,6 +24,7 @@ mod resonance;
 mod retention;
 mod row;
 mod schema;
+mod sent;
 mod shelf;
 mod snapshot;
 mod state;

@@ -11,7 +11,7 @@ const AT_ONCE: i64 = 200;
 impl Store {
     /// Removes the JSON lines of a rod's records that began before `before`, examining a bounded number of
     /// records from `from` on; returns where to continue. The line of the latest record that was used stays:
-    /// `status` shows it.
+    /// `status` shows it. So do those of records from `unsent` on: a copy of the store does not have them yet.
     ///
     /// # Errors
     /// They cannot be removed.
@@ -20,8 +20,9 @@ impl Store {
         rod: &RodId,
         from: Option<Timestamp>,
         before: Timestamp,
+        unsent: Option<i64>,
     ) -> Result<Option<Timestamp>, StoreError> {
-        self.try_forget_lines(rod, from, before)
+        self.try_forget_lines(rod, from, before, unsent)
             .map_err(|error| self.fault(Failure::Sql(error)))
     }
 
@@ -30,18 +31,20 @@ impl Store {
         rod: &RodId,
         from: Option<Timestamp>,
         before: Timestamp,
+        unsent: Option<i64>,
     ) -> rusqlite::Result<Option<Timestamp>> {
         let range = (
             &rod.0,
             from.map_or(i64::MIN, Timestamp::as_nanos),
             before.as_nanos(),
+            unsent.unwrap_or(i64::MAX),
             AT_ONCE,
         );
         let old: Vec<(i64, i64)> = self
             .reader
             .connection
             .prepare_cached(
-                "SELECT id, start_ns FROM record WHERE rod = ? AND start_ns >= ? AND start_ns < ?
+                "SELECT id, start_ns FROM record WHERE rod = ? AND start_ns >= ? AND start_ns < ? AND id < ?
                  ORDER BY start_ns LIMIT ?",
             )?
             .query_map(range, |row| Ok((row.get(0)?, row.get(1)?)))?

@@ -2,6 +2,7 @@
 
 mod figures;
 mod fleet;
+mod poison;
 mod refusals;
 mod rights;
 mod servers;
@@ -179,7 +180,8 @@ fn questions() -> Vec<String> {
     questions
 }
 
-/// A stream that was set back to an earlier day's copy: the sites send again what it lost.
+/// A stream that was set back to an earlier day's copy under a hub that goes on: the sites send again what it lost, and what the
+/// hub knows is no fault, not even of a store that was replaced before.
 #[test]
 fn a_stream_that_was_set_back_loses_nothing() {
     let Some(mut fleet) = Fleet::of(&["todi"], Storage::Sqlite) else {
@@ -187,13 +189,42 @@ fn a_stream_that_was_set_back_loses_nothing() {
     };
     fleet.hide_later_weeks(0);
     fleet.start();
-    fleet.wait_until_read(0, 3);
-    fleet.wait_until_sent();
+    for is_first in [true, false] {
+        fleet.wait_until_read(0, 3);
+        fleet.wait_until_sent();
+        if is_first {
+            fleet.stop_edge(0);
+            fleet.remove_store(0);
+            fleet.start_edge(0);
+        }
+    }
     let copy = fleet.copy_stream();
     fleet.show_later_weeks(0);
     fleet.wait_until_equal();
+    let before = fleet.hub_logged();
     fleet.set_stream_back(&copy);
+    // A rebuild of half the stream would lose what the site has not sent again.
+    fleet.stop_edge(0);
     fleet.stop_hub();
-    // The stream has everything again soon: a centre that is made from it alone equals the replay.
+    let rebuilt = fleet.hub_command(&["rebuild"]);
+    let said = fleet::text_of(&rebuilt.stderr);
+    assert!(
+        rebuilt.status.code() == Some(1) && said.contains("would lose results of todi: of store"),
+        "{said}"
+    );
+    fleet.start_hub();
+    fleet.wait_for_hub_log(before, "it was set back");
+    fleet.start_edge(0);
+    // The stream has everything again soon, and the hub has gone through all of it.
+    fleet.wait_until_still();
+    let sites = lines(&fleet.hub_command(&["sites", "--format", "json"]).stdout);
+    assert_eq!(
+        (&sites[0]["parked"], &sites[0]["fault"], &sites[0]["stores"]),
+        (&Value::from(0), &Value::Null, &Value::from(2)),
+        "{sites:?}"
+    );
+    fleet.assert_equal(0, &[]);
+    fleet.stop_hub();
+    // A centre that is made from it alone equals the replay.
     fleet.wait_until_rebuilt(0);
 }

@@ -222,7 +222,23 @@ fn bad_words_and_files_are_named() {
         ),
         (
             "[nats]\nto = \"nats://127.0.0.1\"\n[postgres]\nconnection = \"host=db.example user=t\"\n[[site]]\nname = \"a\"\n",
-            "ca",
+            "name the certificates",
+        ),
+        (
+            "[nats]\nto = \"nats://127.0.0.1\"\n[postgres]\nconnection = \"host=localhost hostaddr=10.0.0.5 user=t\"\n[[site]]\nname = \"a\"\n",
+            "name the certificates",
+        ),
+        (
+            "[nats]\nto = \"nats://127.0.0.1\"\n[postgres]\nconnection = \"hostaddr=10.0.0.5 user=t\"\n[[site]]\nname = \"a\"\n",
+            "name the certificates",
+        ),
+        (
+            "[nats]\nto = \"nats://127.0.0.1\"\n[postgres]\nconnection = \"user=t\"\n[[site]]\nname = \"a\"\n",
+            "name the certificates",
+        ),
+        (
+            "[nats]\nto = \"nats://127.0.0.1\"\n[sqlite]\npath = \"c.db\"\n[[site]]\nname = \"HUB\"\n",
+            "no name of a site",
         ),
         (
             "[nats]\nto = \"nats://127.0.0.1\"\n[postgres]\nconnection = \"host=127.0.0.1 password=x\"\n[[site]]\nname = \"a\"\n",

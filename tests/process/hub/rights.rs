@@ -1,9 +1,12 @@
 //! Rights at a real server with TLS: a stolen credential writes its own site and reads its own answers, until it is revoked.
 
 use super::fleet::{Fleet, Storage};
+use crate::site::Part;
 use async_nats::jetstream;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
+use tirante::service::forward::message::Label;
+use tirante::site::store::FORMAT;
 
 /// What a client may not do is reported beside its answers.
 async fn refusals(
@@ -96,6 +99,38 @@ fn a_stolen_credential_writes_its_own_site_alone_until_it_is_revoked() {
     fleet.wait_until_marked("todi", "unreadable");
     fleet.assert_equal(0, &[]);
     fleet.assert_equal(1, &[]);
+    // A forged last message that claims a commit which was never sent, with nothing in it that can be read: the site does not
+    // believe it.
+    fleet.stop_edge(0);
+    let (epoch, own) = fleet.end_of(0);
+    runtime().block_on(async {
+        let options = async_nats::ConnectOptions::with_nkey(fleet.seed("todi"))
+            .require_tls(true)
+            .add_root_certificates(fleet.path("ca.pem"));
+        let (client, _) = refusals(options, &address).await;
+        let label = Label {
+            epoch,
+            first: own + 1,
+            last: own + 1,
+            format: FORMAT,
+            mark: "1.2.3.4".to_owned(),
+        };
+        let mut headers = async_nats::HeaderMap::new();
+        for (name, values) in label.headers(0).iter() {
+            if name.to_string().starts_with("Tirante-") {
+                headers.insert(name.clone(), values[0].clone());
+            }
+        }
+        let ack = jetstream::new(client.clone())
+            .publish_with_headers("tirante.v1.out.todi", headers, "forged".into())
+            .await
+            .unwrap();
+        ack.await.unwrap();
+    });
+    fleet.edges[0].site.simulate("later", &Part::new(70, 2));
+    fleet.start_edge(0);
+    fleet.wait_until_read(0, 8);
+    fleet.wait_until_sent_of(0);
     // Revoked, it is out at once; its site keeps its results, and the others go on.
     let before = fleet.logged(0);
     fleet.revoke("todi");

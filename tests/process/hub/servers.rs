@@ -236,6 +236,22 @@ impl Postgres {
         }
     }
 
+    /// Sends a signal by name to the server and its processes.
+    pub fn signal(&self, name: &str) {
+        let server = self.child.as_ref().unwrap().id().to_string();
+        let parent = |pid: &str| {
+            let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+            let after = stat.rsplit_once(')')?.1.to_owned();
+            after.split_whitespace().nth(1).map(str::to_owned)
+        };
+        let all = fs::read_dir("/proc").unwrap().flatten();
+        let all = all.filter_map(|entry| entry.file_name().into_string().ok());
+        let children = all.filter(|pid| parent(pid).as_deref() == Some(server.as_str()));
+        let mut command = Command::new("kill");
+        command.arg(name).args(children).arg(&server);
+        assert!(command.status().unwrap().success());
+    }
+
     /// Runs SQL; returns true if the server did.
     pub fn sql(&self, database: &str, sql: &str) -> bool {
         let connection = format!("host=127.0.0.1 port={} user=tirante dbname={database}", self.port);

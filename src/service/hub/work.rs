@@ -1,0 +1,295 @@
+//! One connection's work of the hub: folds what comes, takes up what was parked, looks for what is missing.
+
+use super::batch::Batch;
+use super::centre::{Centre, CentreError};
+use super::feed::{Feed, number};
+use super::fold::{self, Fold, Judged};
+use super::incoming::Incoming;
+use super::text::fit;
+use super::{ABOUT, Hub, HubError};
+use crate::service::alert::Backoff;
+use crate::service::telemetry::Fault;
+use std::collections::BTreeSet;
+use std::time::{Duration, Instant};
+
+/// Interval of looks at the end of the stream, which may have been set back.
+const LOOK: Duration = Duration::from_secs(5);
+/// Most earlier messages of a site that are folded at once, and their bytes.
+const PAGE: usize = 64;
+const PAGE_BYTES: usize = 8 << 20;
+/// Longest reason of a message that the database refuses \[bytes\].
+const LONGEST: usize = 500;
+
+/// Origin of messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Origin {
+    /// The stream, at the position: what does not fit is parked.
+    Stream,
+    /// The parked ones: what fits is parked no longer.
+    Parked,
+    /// The stream, before the position.
+    Earlier,
+}
+
+/// Stream, database, and what is known of each site.
+pub(super) struct Work<'h> {
+    hub: &'h Hub<'h>,
+    centre: Centre,
+    feed: Feed,
+    fold: Fold,
+    /// Sites whose missing commits were looked for, and of which nothing was folded since.
+    searched: BTreeSet<String>,
+}
+
+impl<'h> Work<'h> {
+    /// Opens both.
+    pub(super) fn open(hub: &'h Hub<'h>) -> Result<Self, HubError> {
+        let mut centre = super::open(&hub.config.storage)?;
+        let feed = hub.runtime.block_on(Feed::open(hub.config))?;
+        let (sites, overruled) = (centre.sites()?, centre.overruled()?);
+        Ok(Self {
+            fold: Fold::new(hub.listed(), centre.copied().to_vec(), sites, overruled),
+            hub,
+            centre,
+            feed,
+            searched: BTreeSet::new(),
+        })
+    }
+
+    /// Folds until stopped, or up to message `until` or the end of the stream.
+    pub(super) fn run(mut self, backoff: &mut Backoff, until: Option<u64>) -> Result<(), HubError> {
+        self.take_up_all()?;
+        self.tell_faults();
+        let mut position = self.begin()?;
+        let mut looked = Instant::now();
+        while !self.hub.is_stopping() && until.is_none_or(|until| position < until) {
+            let messages = self.hub.runtime.block_on(self.feed.fetch())?;
+            self.hub.beat.pass();
+            match messages.last() {
+                Some(last) => {
+                    let last = number(last);
+                    self.fold_next(&messages)?;
+                    position = last;
+                    self.tell_faults();
+                }
+                None if until.is_some() => break,
+                None if looked.elapsed() >= LOOK => {
+                    looked = Instant::now();
+                    let (_, last) = self.hub.runtime.block_on(self.feed.bounds())?;
+                    if last < position {
+                        position = self.begin()?;
+                    }
+                }
+                None => {}
+            }
+            backoff.reset();
+            self.hub.health.over(Fault::Forward, ABOUT);
+        }
+        Ok(())
+    }
+
+    /// Begins to read after the last message folded. A stream that was set back no longer has it, or has another one of its
+    /// number: it is read again from its beginning, and what is known of it is recognised by the sites' own numbers. Returns the
+    /// position.
+    fn begin(&mut self) -> Result<u64, HubError> {
+        let folded = self.centre.position()?;
+        let position = u64::try_from(folded.sequence).unwrap_or(0);
+        let runtime = self.hub.runtime;
+        let (first, last) = runtime.block_on(self.feed.bounds())?;
+        let is_the_same = last >= position
+            && (position < first.max(1)
+                || runtime
+                    .block_on(self.feed.at(position))?
+                    .is_none_or(|found| found.time_ns == folded.time_ns));
+        let from = if is_the_same {
+            position
+        } else {
+            tracing::warn!(
+                "the stream ends with message {last}, and message {position} is not the one that was folded: it was set back; it is \
+                 read again from {first}"
+            );
+            first.saturating_sub(1)
+        };
+        self.feed.seek(from + 1);
+        Ok(from)
+    }
+
+    /// Folds the next messages of the stream, and what they make fit.
+    fn fold_next(&mut self, messages: &[Incoming]) -> Result<(), HubError> {
+        let judged = self.settle(messages, Origin::Stream)?;
+        let (mut folded, mut gaps) = (BTreeSet::new(), BTreeSet::new());
+        for (message, judged) in messages.iter().zip(judged) {
+            let site = message.site();
+            match judged {
+                Judged::Parked(fault, detail) => {
+                    if fault == fold::GAP && !self.searched.contains(site) {
+                        gaps.insert(site);
+                    }
+                    let subject = &message.subject;
+                    let detail = format!(
+                        "{subject}: message {} is parked ({fault}): {detail}",
+                        message.sequence
+                    );
+                    self.hub.health.fault(Fault::Forward, detail);
+                }
+                Judged::Folded(_) => {
+                    self.searched.remove(site);
+                    if self
+                        .fold
+                        .sites()
+                        .get(site)
+                        .is_some_and(|state| state.fault.is_some())
+                    {
+                        folded.insert(site);
+                    }
+                }
+                Judged::Known => {}
+            }
+        }
+        for site in &gaps {
+            self.look_back(site)?;
+        }
+        for site in folded.union(&gaps) {
+            self.take_up(site, Some(fold::GAP))?;
+        }
+        Ok(())
+    }
+
+    /// Folds messages in transactions of a bounded size. If the database refuses what they hold, they are folded one by one, and
+    /// the one that it refuses is parked: the others go on.
+    fn settle(&mut self, messages: &[Incoming], origin: Origin) -> Result<Vec<Judged>, HubError> {
+        let mut judged = Vec::new();
+        let mut rest = messages;
+        while !rest.is_empty() {
+            let (mut batch, mut some) = (Batch::default(), Vec::new());
+            for message in rest {
+                some.push(self.judge(message, origin, &mut batch));
+                if batch.is_full() {
+                    break;
+                }
+            }
+            let (now, later) = rest.split_at(some.len());
+            match self.centre.commit(batch) {
+                Err(CentreError::Sql(error)) if error.is_of_content() => {
+                    for message in now {
+                        judged.push(self.settle_alone(message, origin)?);
+                    }
+                }
+                done => {
+                    done?;
+                    judged.append(&mut some);
+                }
+            }
+            self.hub.beat.pass();
+            rest = later;
+        }
+        Ok(judged)
+    }
+
+    fn settle_alone(&mut self, message: &Incoming, origin: Origin) -> Result<Judged, HubError> {
+        self.fold.again(self.centre.sites()?);
+        let mut batch = Batch::default();
+        let judged = self.judge(message, origin, &mut batch);
+        let error = match self.centre.commit(batch) {
+            Err(CentreError::Sql(error)) if error.is_of_content() => error,
+            done => return Ok(done.map(|()| judged)?),
+        };
+        self.fold.again(self.centre.sites()?);
+        let detail = fit(&format!("the database refuses it: {error}"), LONGEST);
+        if origin == Origin::Stream {
+            let mut batch = Batch::default();
+            self.fold
+                .park(message, fold::UNREADABLE, detail.clone(), &mut batch);
+            self.centre.commit(batch)?;
+        }
+        Ok(Judged::Parked(fold::UNREADABLE, detail))
+    }
+
+    fn judge(&mut self, message: &Incoming, origin: Origin, batch: &mut Batch) -> Judged {
+        match origin {
+            Origin::Stream => self.fold.take(message, batch),
+            Origin::Parked => self.fold.take_again(message, true, batch),
+            Origin::Earlier => self.fold.take_again(message, false, batch),
+        }
+    }
+
+    /// Tries the parked messages of every site again: a newer program, or a longer list, may take them, and missing commits may
+    /// be in the stream.
+    fn take_up_all(&mut self) -> Result<(), HubError> {
+        let marked = self.fold.sites().iter().filter_map(|(site, state)| {
+            let (fault, _) = state.fault.as_ref()?;
+            Some((site.clone(), fault == fold::GAP))
+        });
+        for (site, is_gap) in marked.collect::<Vec<_>>() {
+            if is_gap {
+                self.look_back(&site)?;
+            }
+            self.take_up(&site, None)?;
+        }
+        Ok(())
+    }
+
+    /// Tries the parked messages of a site again, those of one fault alone or all; its mark is then that of the first that still
+    /// does not fit.
+    fn take_up(&mut self, site: &str, fault: Option<&str>) -> Result<(), HubError> {
+        let (mut after, mut taken) = ((i64::MIN, i64::MIN), 0);
+        while !self.hub.is_stopping() {
+            let page = self.centre.parked(site, fault, after)?;
+            let Some(last) = page.last() else { break };
+            after = (last.sequence, last.time_ns);
+            let faults: Vec<String> = page.iter().map(|parked| parked.fault.clone()).collect();
+            let messages: Vec<Incoming> = page.into_iter().map(Incoming::of_parked).collect();
+            let judged = self.settle(&messages, Origin::Parked)?;
+            for ((message, before), judged) in messages.iter().zip(faults).zip(judged) {
+                match judged {
+                    Judged::Parked(now, detail) if now != before => {
+                        self.centre
+                            .rename((message.sequence, message.time_ns), now, &detail)?;
+                    }
+                    Judged::Parked(..) => {}
+                    Judged::Folded(_) | Judged::Known => taken += 1,
+                }
+            }
+        }
+        if taken > 0 {
+            tracing::info!("{site}: {taken} parked messages are taken up");
+        }
+        let mut batch = Batch::default();
+        self.fold.mark(site, self.centre.first_fault(site)?, &mut batch);
+        Ok(self.centre.commit(batch)?)
+    }
+
+    /// Looks for missing commits among the earlier messages of a site: a stream that was set back and filled again holds them
+    /// before the position.
+    fn look_back(&mut self, site: &str) -> Result<(), HubError> {
+        self.searched.insert(site.to_owned());
+        let (mut next, mut is_end) = (1, false);
+        while !is_end && !self.hub.is_stopping() {
+            let mut some = Vec::new();
+            let mut bytes = 0;
+            while some.len() < PAGE && bytes < PAGE_BYTES && !is_end {
+                let found = self.hub.runtime.block_on(self.feed.next_of_site(next, site))?;
+                is_end = found.is_none();
+                if let Some(message) = found {
+                    next = number(&message) + 1;
+                    bytes += message.payload.len();
+                    some.push(message);
+                }
+            }
+            self.settle(&some, Origin::Earlier)?;
+        }
+        Ok(())
+    }
+
+    fn tell_faults(&self) {
+        for (site, state) in self.fold.sites() {
+            match &state.fault {
+                Some((fault, detail)) => {
+                    let detail = format!("{site}: its messages are parked ({fault}): {detail}");
+                    self.hub.health.hold(Fault::Forward, site, detail);
+                }
+                None => self.hub.health.over(Fault::Forward, site),
+            }
+        }
+    }
+}

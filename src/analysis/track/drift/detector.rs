@@ -353,6 +353,7 @@ mod tests {
             assert!(detector.statistic() > 3652.0, "{seed}: {}", detector.statistic());
             run(&mut detector, seed, 102..110, -0.03);
             let change = detector.change().unwrap();
+            assert_eq!(detector.size(), Some(change.size));
             assert!(
                 change.size_sd < 0.004 && change.ramp_probability < 0.1,
                 "{change:?}"

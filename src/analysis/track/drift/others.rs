@@ -78,9 +78,9 @@ impl<'a> Others<'a> {
     }
 
     /// True if one of those in the median shows evidence of a larger change than `size`: it may be the one that moves the median.
-    pub(crate) fn is_one_of_them(&self, index: i64, size: f64) -> bool {
+    pub(crate) fn is_one_of_them(&self, index: i64, size: impl Fn() -> f64) -> bool {
         let mut in_median = self.followed(index).filter(|rod| !rod.drifts());
-        in_median.any(|rod| rod.evidence() > MOVING && rod.size() > size)
+        in_median.any(|rod| rod.evidence() > MOVING && rod.size() > size())
     }
 
     /// True if one of them has already reported that rods move together.

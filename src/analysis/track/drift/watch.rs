@@ -174,7 +174,7 @@ impl DriftWatch {
 
     /// Size of the change as it stands now, as a share of the force; zero without one.
     pub fn size(&self) -> f64 {
-        self.change().map_or(0.0, |change| change.size.abs())
+        self.informed().find_map(Detector::size).map_or(0.0, f64::abs)
     }
 
     /// The detector with temperature, unless it has taken no period for long, or the other rods stand in.
@@ -363,7 +363,7 @@ impl DriftWatch {
     /// Joint finding of the detectors after the last period, `index`. What shows only relative to the median may be another rod;
     /// `is_new`: not for so long that it would have been reported.
     pub(crate) fn finding(&self, others: &Others, index: i64, is_new: bool) -> Finding {
-        if is_new && self.evidence_alone() <= MOVING && others.is_one_of_them(index, self.size()) {
+        if is_new && self.evidence_alone() <= MOVING && others.is_one_of_them(index, || self.size()) {
             return Finding::Quiet;
         }
         let has_witnesses = self.peers.is_some() && self.without_others <= companions::PATIENCE;
@@ -396,11 +396,16 @@ impl DriftWatch {
 
     /// Onset, size and shape of the change, by the best-informed detector of the last period.
     pub(crate) fn change(&self) -> Option<Change> {
-        let compensated = self.watching().map(|one| &one.detector);
-        let by = |witness: bool, detector: Option<&Detector>| detector.filter(|_| witness)?.change();
-        by(self.last.temperature || self.above.compensated, compensated)
-            .or_else(|| by(self.last.others, self.peers.as_ref()))
-            .or_else(|| self.blind.change())
+        self.informed().find_map(Detector::change)
+    }
+
+    /// Detectors that had their inputs in the last period, the best-informed first.
+    fn informed(&self) -> impl Iterator<Item = &Detector> {
+        let is_compensated = self.last.temperature || self.above.compensated;
+        let compensated = self.watching().filter(|_| is_compensated);
+        let peers = self.peers.as_ref().filter(|_| self.last.others);
+        let first = compensated.map(|one| &one.detector).into_iter();
+        first.chain(peers).chain([&self.blind])
     }
 
     /// Change of the ratio of a record since commissioning at the reference temperature, and its standard deviation; `None`

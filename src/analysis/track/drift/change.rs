@@ -50,16 +50,17 @@ impl Particle {
 }
 
 impl Detector {
-    /// Weights of the onset particles, their sum one; `None` before the first is born.
-    fn shares(&self) -> Option<Vec<f64>> {
-        let total = ln_sum(self.weights());
+    /// Weights of the onset particles by changes that began after a time \[d\], their sum one; `None` before the first is born.
+    fn shares(&self, after: Option<f64>) -> Option<Vec<f64>> {
+        let weights = self.weights_since(after);
+        let total = ln_sum(weights.clone());
         let is_told = !self.particles.is_empty() && total.is_finite();
-        is_told.then(|| self.weights().map(|weight| libm::exp(weight - total)).collect())
+        is_told.then(|| weights.map(|weight| libm::exp(weight - total)).collect())
     }
 
-    /// Mean of a change alone, as [`Detector::change`] has it.
-    pub(super) fn size(&self) -> Option<f64> {
-        let (day, weights) = (self.last_day()?, self.shares()?);
+    /// Mean of a change alone, as [`Detector::change_since`] has it.
+    pub(super) fn size_since(&self, after: Option<f64>) -> Option<f64> {
+        let (day, weights) = (self.last_day()?, self.shares(after)?);
         let parts = self.particles.iter().zip(weights);
         let parts: Vec<Normal> = parts
             .map(|(particle, weight)| particle.part(day, weight, particle.bank.change()))
@@ -69,7 +70,12 @@ impl Detector {
 
     /// Posterior of a change over the onset particles; `None` before the first is born.
     pub fn change(&self) -> Option<Change> {
-        let (day, weights) = (self.last_day()?, self.shares()?);
+        self.change_since(None)
+    }
+
+    /// Posterior of a change that began after a time \[d\].
+    pub fn change_since(&self, after: Option<f64>) -> Option<Change> {
+        let (day, weights) = (self.last_day()?, self.shares(after)?);
         let mut parts = Vec::with_capacity(weights.len());
         let mut rates = Vec::new();
         let mut onsets = Vec::with_capacity(weights.len());
@@ -77,13 +83,14 @@ impl Detector {
         for (particle, &weight) in self.particles.iter().zip(&weights) {
             let (mean, sd) = particle.bank.change();
             parts.push(particle.part(day, weight, (mean, sd)));
-            onsets.push((&particle.onsets, weight));
+            onsets.push((particle.onsets.after(after), weight));
             if particle.shape == Shape::Ramp {
                 ramp_probability += weight;
                 rates.push(Normal { weight, mean, sd });
             }
         }
         let (size, size_sd) = moments(&parts);
+        let onsets: Vec<_> = onsets.iter().map(|(law, weight)| (law, *weight)).collect();
         let [first, onset, last] = onset::quantiles(&onsets, [QUANTILES[0], 0.5, QUANTILES[1]]);
         Some(Change {
             onset,

@@ -432,10 +432,10 @@ fn a_watch_made_again_knows_which_change_ended() {
         tracker.state().watch.get().expect("a watch").evidence(),
         again(false),
     );
-    // The typical error of a period is taken from other records, which moves R by little.
-    assert!((known / 3.0..known * 3.0).contains(&made), "{known} {made}");
+    // The typical error of a period is taken from another record, which moves R; an alarm is at 3652.
     let forgotten = again(true);
-    assert!(forgotten > 10.0 * known, "{known} {forgotten}");
+    assert!(known.max(made) < 100.0, "{known} {made} {forgotten}");
+    assert!(forgotten > 10.0 * made, "{known} {made} {forgotten}");
 }
 
 #[test]

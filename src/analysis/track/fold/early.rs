@@ -23,10 +23,6 @@ use serde::{Deserialize, Serialize};
 /// Number of records of the provisional baseline.
 pub(crate) const RECORDS: usize = 5;
 
-/// Error \[K\] of the temperature that readings a day or so apart give a rod which follows the air within hours: the day's swing of
-/// some 3 K is not resolved.
-const UNRESOLVED_K: f64 = 1.0;
-
 /// A provisional baseline and the periods measured against it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct EarlyWatch {
@@ -104,14 +100,8 @@ impl EarlyWatch {
         );
         self.reference_c = self.reference_c.or(period.filtered_c.map(|filtered| filtered[0]));
         let terms = plan.terms(&self.baseline, shift, self.reference_c);
-        // A few periods say little of their noise: what sparse readings leave open must be in it from the first on.
-        let unresolved = terms
-            .thermal
-            .filter(|_| self.filters.is_sparse())
-            .map_or(0.0, |thermal| UNRESOLVED_K * thermal.slope_mean_per_k.abs());
         let watch = self.watch.get_or_insert_with(|| {
-            let noise_sd = period.delta_sd.hypot(unresolved).max(f64::MIN_POSITIVE);
-            DriftWatch::new(period.start.days(), noise_sd)
+            DriftWatch::new(period.start.days(), period.delta_sd.max(f64::MIN_POSITIVE))
         });
         let others = Others::default();
         watch.step(&terms, &period, self.filters.is_sparse(), &others, period_s);

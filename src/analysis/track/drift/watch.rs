@@ -181,7 +181,7 @@ impl DriftWatch {
         let by_temperature = self.by_temperature.as_ref().or_else(knows_no_others);
         match by_temperature.filter(|_| self.last.alone) {
             Some(one) => one.detector.statistic(),
-            None => self.blind.statistic_since(self.informed_until()),
+            None => self.blind.statistic(),
         }
     }
 

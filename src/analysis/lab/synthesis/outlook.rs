@@ -164,7 +164,7 @@ impl Outlook {
             let others = names.iter().zip(&ratios[1..]).map(|(name, own)| InPeriod {
                 rod: name,
                 ratio: own[index],
-                drifts: false,
+                drift: None,
             });
             let median = companions.take(others).ratio;
             let (Some(ratio), Some(filtered)) = (ratios[0][index], filters.at(day)) else {

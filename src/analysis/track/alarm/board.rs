@@ -155,7 +155,7 @@ impl<'a> Board<'a> {
                 if alarm.cleared.is_none() {
                     renew(alarm);
                     if let Some(proviso) = self.proviso.as_ref().filter(|_| alarm.kind.is_latched())
-                        && !alarm.message.ends_with(proviso)
+                        && !alarm.message.contains(proviso)
                     {
                         alarm.message = format!("{}; {proviso}", alarm.message);
                     }

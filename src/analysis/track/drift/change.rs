@@ -1,7 +1,7 @@
 //! Onset, size and shape of a change from the onset particles.
 
 use super::bank::ln_sum;
-use super::detector::{Detector, Shape};
+use super::detector::{Detector, Particle, Shape};
 use super::onset;
 use serde::{Deserialize, Serialize};
 
@@ -37,34 +37,60 @@ struct Normal {
     sd: f64,
 }
 
+impl Particle {
+    /// Law of the change by a day, c of this mean and standard deviation.
+    fn part(&self, day: f64, weight: f64, (mean, sd): (f64, f64)) -> Normal {
+        let h = self.shape.regressor(day - self.onset);
+        Normal {
+            weight,
+            mean: h * mean,
+            sd: h * sd,
+        }
+    }
+}
+
 impl Detector {
+    /// Weights of the onset particles by changes that began after a time \[d\], their sum one; `None` before the first is born.
+    fn shares(&self, after: Option<f64>) -> Option<Vec<f64>> {
+        let weights = self.weights_since(after);
+        let total = ln_sum(weights.clone());
+        let is_told = !self.particles.is_empty() && total.is_finite();
+        is_told.then(|| weights.map(|weight| libm::exp(weight - total)).collect())
+    }
+
+    /// Mean of a change alone, as [`Detector::change_since`] has it.
+    pub(super) fn size_since(&self, after: Option<f64>) -> Option<f64> {
+        let (day, weights) = (self.last_day()?, self.shares(after)?);
+        let parts = self.particles.iter().zip(weights);
+        let parts: Vec<Normal> = parts
+            .map(|(particle, weight)| particle.part(day, weight, particle.bank.change()))
+            .collect();
+        Some(moments(&parts).0)
+    }
+
     /// Posterior of a change over the onset particles; `None` before the first is born.
     pub fn change(&self) -> Option<Change> {
-        let day = self.last_day()?;
-        let total = ln_sum(self.weights());
-        if self.particles.is_empty() || !total.is_finite() {
-            return None;
-        }
-        let weights: Vec<f64> = self.weights().map(|weight| libm::exp(weight - total)).collect();
+        self.change_since(None)
+    }
+
+    /// Posterior of a change that began after a time \[d\].
+    pub fn change_since(&self, after: Option<f64>) -> Option<Change> {
+        let (day, weights) = (self.last_day()?, self.shares(after)?);
         let mut parts = Vec::with_capacity(weights.len());
         let mut rates = Vec::new();
         let mut onsets = Vec::with_capacity(weights.len());
         let mut ramp_probability = 0.0;
         for (particle, &weight) in self.particles.iter().zip(&weights) {
             let (mean, sd) = particle.bank.change();
-            let h = particle.shape.regressor(day - particle.onset);
-            parts.push(Normal {
-                weight,
-                mean: h * mean,
-                sd: h * sd,
-            });
-            onsets.push((&particle.onsets, weight));
+            parts.push(particle.part(day, weight, (mean, sd)));
+            onsets.push((particle.onsets.after(after), weight));
             if particle.shape == Shape::Ramp {
                 ramp_probability += weight;
                 rates.push(Normal { weight, mean, sd });
             }
         }
         let (size, size_sd) = moments(&parts);
+        let onsets: Vec<_> = onsets.iter().map(|(law, weight)| (law, *weight)).collect();
         let [first, onset, last] = onset::quantiles(&onsets, [QUANTILES[0], 0.5, QUANTILES[1]]);
         Some(Change {
             onset,

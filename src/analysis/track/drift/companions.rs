@@ -7,12 +7,14 @@
 //! y_j(t) = y_j(t') + median over the rods measured now of (y_i(t) - y_i(t'))
 //! ```
 //!
-//! and so is a rod that drifts, from [`PATIENCE`] periods before it was told: what it moved the median by is taken back. A rod that
-//! comes, or comes back after more than [`PATIENCE`] periods or after a drift, has an offset with which the median does not jump.
+//! A rod that is told to drift keeps its part: only what it moved by beside the other rods is taken off, as far as that is certain
+//! ([`InPeriod::drift`]). Left out for months, it would leave a median that follows the temperature otherwise than the one the rods
+//! have been compared with, and they would seem to drift one after the other. What was taken off stays off when its alarm ends. A
+//! rod that comes, or comes back after more than [`PATIENCE`] periods, has an offset with which the median does not jump.
 
 use super::regressors::median;
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 
 /// Periods for which a rod that is not measured bears witness.
 pub const PATIENCE: u32 = 10;
@@ -27,19 +29,27 @@ pub struct Companions {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Companion {
-    /// Share in the median: its ratio and an offset, or the continuation.
+    /// Share in the median: its ratio and an offset, less its drift, or the continuation.
     level: f64,
     offset: f64,
     /// Number of periods since it was measured.
     missing: u32,
-    drifts: bool,
-    /// Levels of the last periods, oldest first.
-    before: VecDeque<f64>,
+    /// Drift taken off, while it is told to drift.
+    drift: Option<f64>,
 }
 
 impl Companion {
     fn bears_witness(&self) -> bool {
-        !self.drifts && self.missing <= PATIENCE
+        self.drift.is_none() && self.missing <= PATIENCE
+    }
+
+    /// Takes the drift that the rod is told to have in this period; one that ended stays off.
+    fn set_drift(&mut self, drift: Option<f64>) {
+        match drift {
+            Some(now) if now.is_finite() => self.drift = Some(now),
+            Some(_) => self.drift = self.drift.or(Some(0.0)),
+            None => self.offset -= self.drift.take().unwrap_or(0.0),
+        }
     }
 }
 
@@ -50,8 +60,8 @@ pub struct InPeriod<'a> {
     pub rod: &'a str,
     /// N_t / N_0 - 1, if it was measured.
     pub ratio: Option<f64>,
-    /// True if it is told to drift.
-    pub drifts: bool,
+    /// Expected share of it that is a change beside the other rods; `None` if the rod is not told to drift.
+    pub drift: Option<f64>,
 }
 
 /// Companions in one period.
@@ -67,18 +77,17 @@ impl Companions {
     /// Takes a period with every companion; one that is not listed is forgotten.
     pub fn take<'a>(&mut self, rods: impl IntoIterator<Item = InPeriod<'a>>) -> Median {
         let listed: BTreeMap<&str, InPeriod> = rods.into_iter().map(|one| (one.rod, one)).collect();
-        let measured = |one: &InPeriod| one.ratio.filter(|ratio| ratio.is_finite() && !one.drifts);
+        self.rods.retain(|rod, _| listed.contains_key(rod.as_str()));
+        for (rod, known) in &mut self.rods {
+            known.set_drift(listed.get(rod.as_str()).and_then(|one| one.drift));
+        }
+        let measured = |one: &InPeriod| one.ratio.filter(|ratio| ratio.is_finite());
         let steps = listed.values().filter_map(|one| {
             let known = self.rods.get(one.rod).filter(|known| known.bears_witness())?;
             Some(measured(one)? + known.offset - known.level)
         });
         let step = median(steps).unwrap_or(0.0);
-        self.rods.retain(|rod, _| listed.contains_key(rod.as_str()));
         for known in self.rods.values_mut() {
-            if known.before.len() == PATIENCE as usize {
-                known.before.pop_front();
-            }
-            known.before.push_back(known.level);
             known.level += step;
             known.missing = known.missing.saturating_add(1);
         }
@@ -92,58 +101,34 @@ impl Companions {
             let Some(ratio) = measured(one) else { continue };
             match self.rods.get_mut(one.rod) {
                 Some(known) => {
-                    if known.bears_witness() {
-                        known.level = ratio + known.offset;
+                    let moved = known.drift.unwrap_or(0.0);
+                    if known.missing <= PATIENCE {
+                        known.level = ratio + known.offset - moved;
                     } else {
-                        known.offset = known.level - ratio;
+                        known.offset = known.level - ratio + moved;
                     }
-                    (known.missing, known.drifts) = (0, false);
+                    known.missing = 0;
                 }
                 None => {
                     let level = now.unwrap_or(ratio);
-                    let offset = level - ratio;
-                    let (missing, drifts, before) = (0, false, VecDeque::new());
                     let fresh = Companion {
                         level,
-                        offset,
-                        missing,
-                        drifts,
-                        before,
+                        offset: level - ratio + one.drift.unwrap_or(0.0),
+                        missing: 0,
+                        drift: one.drift,
                     };
                     self.rods.insert(one.rod.to_owned(), fresh);
                 }
             }
         }
-        for one in listed.values().filter(|one| one.drifts) {
-            self.take_back(one.rod);
-        }
-        let is_fresh = listed.values().any(|one| measured(one).is_some());
+        let is_witness = |rod: &str| self.rods.get(rod).is_some_and(Companion::bears_witness);
+        let is_fresh = listed
+            .values()
+            .any(|one| measured(one).is_some() && is_witness(one.rod));
         let has_few = self.witnesses().count() < FEWEST;
         Median {
             ratio: self.median().filter(|_| is_fresh && !has_few),
             has_few,
-        }
-    }
-
-    /// Continues a rod that drifts from the oldest level known of it.
-    fn take_back(&mut self, rod: &str) {
-        let Some(lost) = self.rods.get(rod).filter(|known| !known.drifts) else {
-            return;
-        };
-        let periods = lost.before.len();
-        let since = |known: &Companion| {
-            let first = known.before.len().checked_sub(periods)?;
-            Some(known.level - known.before.get(first)?)
-        };
-        let others = self
-            .rods
-            .iter()
-            .filter(|(name, known)| *name != rod && known.bears_witness());
-        let moved = median(others.filter_map(|(_, known)| since(known)));
-        let level = lost.before.front().zip(moved).map(|(first, moved)| first + moved);
-        if let Some(lost) = self.rods.get_mut(rod) {
-            lost.level = level.unwrap_or(lost.level);
-            lost.drifts = true;
         }
     }
 
@@ -164,7 +149,7 @@ mod tests {
         InPeriod {
             rod,
             ratio,
-            drifts: false,
+            drift: None,
         }
     }
 
@@ -228,42 +213,53 @@ mod tests {
     }
 
     #[test]
-    fn what_a_drift_moved_the_median_by_is_taken_back() {
+    fn what_a_drift_moved_the_median_by_is_taken_off_and_stays_off() {
         let mut companions = Companions::default();
-        let period = |day: u32, loss: f64, drifts: bool| {
-            let weather = 0.01 * f64::from(day).sin();
+        let weather = |day: u32| 0.01 * f64::from(day).sin();
+        let period = |day: u32, loss: f64, drift: Option<f64>| {
             let c = InPeriod {
                 rod: "c",
-                ratio: Some(weather - loss),
-                drifts,
+                ratio: Some(weather(day) - loss),
+                drift,
             };
-            [at("a", Some(weather - 0.02)), at("b", Some(weather + 0.02)), c]
+            [
+                at("a", Some(weather(day) - 0.02)),
+                at("b", Some(weather(day) + 0.02)),
+                c,
+            ]
         };
         for day in 0..20 {
-            near(
-                companions.take(period(day, 0.0, false)),
-                0.01 * f64::from(day).sin(),
-            );
+            near(companions.take(period(day, 0.0, None)), weather(day));
         }
         for day in 20..23 {
-            let found = companions.take(period(day, 0.5, false)).ratio.unwrap();
-            assert!(
-                (found - (0.01 * f64::from(day).sin() - 0.02)).abs() < 1e-12,
-                "{found}"
-            );
+            let found = companions.take(period(day, 0.5, None)).ratio.unwrap();
+            assert!((found - (weather(day) - 0.02)).abs() < 1e-12, "{found}");
         }
         for day in 23..60 {
-            near(
-                companions.take(period(day, 0.5, true)),
-                0.01 * f64::from(day).sin(),
-            );
+            near(companions.take(period(day, 0.5, Some(-0.5))), weather(day));
         }
-        // Somebody accepted it: it bears witness again, and nothing jumps.
+        // Somebody accepted it: it bears witness again, and nothing jumps. A second loss adds to the first.
         for day in 60..70 {
-            near(
-                companions.take(period(day, 0.5, false)),
-                0.01 * f64::from(day).sin(),
-            );
+            near(companions.take(period(day, 0.5, None)), weather(day));
+        }
+        for day in 70..80 {
+            near(companions.take(period(day, 0.6, Some(-0.1))), weather(day));
+        }
+    }
+
+    /// A rod that is told to drift and does not leaves the median as it was: in how it follows the temperature, too.
+    #[test]
+    fn a_false_drift_leaves_the_median_alone() {
+        let mut companions = Companions::default();
+        for day in 0..100 {
+            let warm = (f64::from(day) / 20.0).sin();
+            let c = InPeriod {
+                rod: "c",
+                ratio: Some(-0.1 * warm),
+                drift: (day > 20).then_some(0.0),
+            };
+            let found = companions.take([at("a", Some(-0.05 * warm)), at("b", Some(-0.15 * warm)), c]);
+            near(found, -0.1 * warm);
         }
     }
 }

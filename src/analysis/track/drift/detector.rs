@@ -222,14 +222,28 @@ impl Detector {
 
     /// R of Shiryaev and Roberts; alarm where it exceeds the average run length to a false alarm, in periods.
     pub fn statistic(&self) -> f64 {
-        libm::exp(ln_sum(self.weights()).min(GREATEST_LN))
+        self.statistic_since(None)
+    }
+
+    /// The part of R by changes that began after a time \[d\]: at most R, so that its bound holds.
+    pub fn statistic_since(&self, after: Option<f64>) -> f64 {
+        libm::exp(ln_sum(self.weights_since(after)).min(GREATEST_LN))
     }
 
     /// ln of each particle's part of R.
     pub(super) fn weights(&self) -> impl Iterator<Item = f64> + Clone {
-        self.particles
-            .iter()
-            .map(|particle| particle.ln_weight + libm::log(particle.shape.share()))
+        self.weights_since(None)
+    }
+
+    /// ln of each particle's part of R by changes that began after a time \[d\].
+    pub(super) fn weights_since(&self, after: Option<f64>) -> impl Iterator<Item = f64> + Clone {
+        self.particles.iter().map(move |particle| {
+            let weight = particle.ln_weight + libm::log(particle.shape.share());
+            match after {
+                None => weight,
+                Some(_) => weight + libm::log(particle.onsets.later_than(after)),
+            }
+        })
     }
 
     /// Number of periods learned.
@@ -352,6 +366,15 @@ mod tests {
             assert!(detector.statistic() > 3652.0, "{seed}: {}", detector.statistic());
             run(&mut detector, seed, 102..110, -0.03);
             let change = detector.change().unwrap();
+            let since = |day| detector.statistic_since(Some(day)) / detector.statistic();
+            assert!(
+                since(98.0) > 0.9 && since(105.0) < 0.05,
+                "{} {}",
+                since(98.0),
+                since(105.0)
+            );
+            assert!(detector.change_since(Some(105.0)).unwrap().onset_interval[0] >= 105.0);
+            assert_eq!(detector.size_since(None), Some(change.size));
             assert!(
                 change.size_sd < 0.004 && change.ramp_probability < 0.1,
                 "{change:?}"

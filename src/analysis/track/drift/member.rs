@@ -45,10 +45,27 @@ impl Passage {
     /// Passage from the last period, if any, to `day`; an earlier day counts as the last.
     pub fn new(prior: &BankPrior, last: Option<f64>, day: f64) -> Self {
         let gap = last.map_or(0.0, |last| (day - last).max(0.0));
-        let decay = |fluctuation: &Fluctuation| Decay {
-            fast: libm::exp(-gap / fluctuation.memory_d),
-            slow: libm::exp(-gap / fluctuation.slow_memory_d),
-            added: -fluctuation.variance * libm::expm1(-2.0 * gap / fluctuation.memory_d),
+        // Members share a few memories.
+        let mut fades: Vec<(f64, f64, f64)> = Vec::new();
+        let mut fade = |memory_d: f64| {
+            let known = fades.iter().copied().find(|known| known.0 == memory_d);
+            known.unwrap_or_else(|| {
+                let fade = (
+                    memory_d,
+                    libm::exp(-gap / memory_d),
+                    libm::expm1(-2.0 * gap / memory_d),
+                );
+                fades.push(fade);
+                fade
+            })
+        };
+        let decay = |fluctuation: &Fluctuation| {
+            let (_, fast, grows) = fade(fluctuation.memory_d);
+            Decay {
+                fast,
+                slow: fade(fluctuation.slow_memory_d).1,
+                added: -fluctuation.variance * grows,
+            }
         };
         Self {
             day: last.map_or(day, |last| last.max(day)),

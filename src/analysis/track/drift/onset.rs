@@ -46,6 +46,27 @@ impl Onsets {
         }])
     }
 
+    /// P(onset > day); one without a day.
+    pub fn later_than(&self, day: Option<f64>) -> f64 {
+        let Some(day) = day else { return 1.0 };
+        self.0.iter().map(|one| one.share * (1.0 - one.below(day))).sum()
+    }
+
+    /// The law of an onset later than a day; as it is where all are earlier.
+    pub fn after(&self, day: Option<f64>) -> Self {
+        let Some(day) = day.filter(|day| self.later_than(Some(*day)) > 0.0) else {
+            return self.clone();
+        };
+        let total = self.later_than(Some(day));
+        let left = self.0.iter().filter(|one| one.until > day);
+        let cut = |one: &Stretch| Stretch {
+            after: one.after.max(day),
+            until: one.until,
+            share: one.share * (1.0 - one.below(day)) / total,
+        };
+        Self(left.map(cut).collect())
+    }
+
     /// Both laws together, `newer_share` of the sum the newer one's.
     pub fn with(&self, newer: &Self, newer_share: f64) -> Self {
         let scaled = |law: &Self, by: f64| -> Vec<Stretch> {
@@ -132,6 +153,20 @@ mod tests {
         let [low, high] = quantiles(&[(&law, 1.0)], [0.025, 0.975]);
         assert!((0.02..0.03).contains(&low) && high < 1.0, "{low} {high}");
         near(law.0.iter().map(|one| one.share).sum(), 1.0);
+    }
+
+    #[test]
+    fn onsets_before_a_day_can_be_left_out() {
+        let law = Onsets::between(10.0, 12.0).with(&Onsets::between(12.0, 14.0), 0.75);
+        near(law.later_than(None), 1.0);
+        near(law.later_than(Some(13.0)), 0.375);
+        near(law.later_than(Some(11.0)), 0.875);
+        near(law.later_than(Some(14.0)), 0.0);
+        let late = law.after(Some(11.0));
+        near(quantiles(&[(&late, 1.0)], [0.125 / 0.875])[0], 12.0);
+        near(late.0.iter().map(|one| one.share).sum(), 1.0);
+        assert_eq!(law.after(Some(20.0)), law);
+        assert_eq!(law.after(None), law);
     }
 
     #[test]

@@ -28,6 +28,9 @@ pub trait Neighbour: Debug + Sync {
     /// Size of that change, as a share of the force.
     fn size(&self) -> f64;
 
+    /// Expected change of the ratio beside the other rods: zero while there is little evidence of one.
+    fn moved_beside_others(&self) -> f64;
+
     /// True if an alarm raised by its evidence is active: a drift, or a change that is not axial.
     fn drifts(&self) -> bool;
 
@@ -58,7 +61,7 @@ impl<'a> Others<'a> {
         self.0.iter().map(move |rod| InPeriod {
             rod: rod.name(),
             ratio: rod.ratio_in(index, period_s),
-            drifts: rod.drifts(),
+            drift: rod.drifts().then(|| rod.moved_beside_others()),
         })
     }
 
@@ -77,10 +80,19 @@ impl<'a> Others<'a> {
             .count()
     }
 
-    /// True if one of those in the median shows evidence of a larger change than `size`: it may be the one that moves the median.
-    pub(crate) fn is_one_of_them(&self, index: i64, size: f64) -> bool {
-        let mut in_median = self.followed(index).filter(|rod| !rod.drifts());
-        in_median.any(|rod| rod.evidence() > MOVING && rod.size() > size)
+    /// True if one of those in the median shows evidence of a larger change than `size` that moves it: what is taken off a rod that
+    /// drifts does not.
+    pub(crate) fn is_one_of_them(&self, index: i64, size: impl Fn() -> f64) -> bool {
+        let in_median = |rod: &dyn Neighbour| {
+            let taken_off = if rod.drifts() {
+                rod.moved_beside_others().abs()
+            } else {
+                0.0
+            };
+            rod.size() - taken_off
+        };
+        self.followed(index)
+            .any(|rod| rod.evidence() > MOVING && in_median(rod) > size())
     }
 
     /// True if one of them has already reported that rods move together.

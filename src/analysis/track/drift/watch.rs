@@ -9,9 +9,10 @@
 //!
 //! A drifting thermometer moves every rod's compensated detector, but not the rods relative to each other: a
 //! drift that `peers` also detects is confirmed; rods whose compensated detectors move together are one notice
-//! of the site. Another rod that drifts moves the median: a rod that shows a change only relative to the
+//! of the site. A detector that stands in counts only what began since a better-informed one last looked: before, that one
+//! saw more. Another rod that drifts moves the median: a rod that shows a change only relative to the
 //! median waits a few periods while a rod in the median shows a larger one. Once that rod is reported, the
-//! median goes on without it.
+//! median goes on without its change.
 
 use super::companions;
 use super::compensated::Compensated;
@@ -32,6 +33,10 @@ const MOST_EVIDENCE: f64 = 1e12;
 
 /// Standard deviations of the predictive law from which a sudden change is reported at once.
 const TOLD_SD: f64 = 4.0;
+
+/// Periods between true changes of one rod, in periods between its false alarms: a change that the other rods confirm, and that is
+/// taken off their median, must be as much more certain than an alarm.
+const RARER: f64 = 10.0;
 
 /// Settings of a watch besides its periods.
 #[derive(Debug, Clone, Copy)]
@@ -69,6 +74,9 @@ pub struct DriftWatch {
     without_others: u32,
     /// Number of periods in a row that no detector with temperature took.
     without_temperature: u32,
+    /// Mean times of the last periods that a detector with temperature took, and one with the other rods \[d\].
+    temperature_until: Option<f64>,
+    others_until: Option<f64>,
     /// True once this rod moved together with others of which one reported it.
     has_joined: bool,
     /// Sources of the last period: temperature, other rods.
@@ -88,13 +96,16 @@ struct Sources {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 struct Above {
     compensated: bool,
+    /// The other rods confirm a change.
     peers: bool,
+    /// Those that stand in, by changes since a better-informed one last looked.
+    peers_alone: bool,
     blind: bool,
 }
 
 impl Above {
     fn any(self) -> bool {
-        self.compensated || self.peers || self.blind
+        self.compensated || self.peers || self.peers_alone || self.blind
     }
 }
 
@@ -139,6 +150,8 @@ impl DriftWatch {
             companions: Companions::default(),
             without_others: 0,
             without_temperature: 0,
+            temperature_until: None,
+            others_until: None,
             has_joined: false,
             last: Sources::default(),
             above: Above::default(),
@@ -166,15 +179,34 @@ impl DriftWatch {
     pub fn evidence_alone(&self) -> f64 {
         let knows_no_others = || self.compensated.as_ref().filter(|one| !one.knows_others);
         let by_temperature = self.by_temperature.as_ref().or_else(knows_no_others);
-        by_temperature
-            .filter(|_| self.last.alone)
-            .map_or(&self.blind, |one| &one.detector)
-            .statistic()
+        match by_temperature.filter(|_| self.last.alone) {
+            Some(one) => one.detector.statistic(),
+            None => self.blind.statistic(),
+        }
+    }
+
+    /// Expected change of the ratio beside the other rods, true changes being rarer than false alarms: zero while there is little
+    /// evidence of one. A wrong thermometer has no part in it.
+    pub fn moved_beside_others(&self) -> f64 {
+        let Some(peers) = self.current_peers() else {
+            return 0.0;
+        };
+        let odds = peers.statistic() / (RARER * self.limit);
+        peers
+            .size_since(None)
+            .map_or(0.0, |size| size * odds / (1.0 + odds))
+    }
+
+    /// Mean time of the last period that a detector with temperature or other rods took \[d\].
+    fn informed_until(&self) -> Option<f64> {
+        let times = self.temperature_until.into_iter().chain(self.others_until);
+        times.reduce(f64::max)
     }
 
     /// Size of the change as it stands now, as a share of the force; zero without one.
     pub fn size(&self) -> f64 {
-        self.change().map_or(0.0, |change| change.size.abs())
+        let size = |(detector, since): (&Detector, _)| detector.size_since(since);
+        self.informed().find_map(size).map_or(0.0, f64::abs)
     }
 
     /// The detector with temperature, unless it has taken no period for long, or the other rods stand in.
@@ -265,6 +297,12 @@ impl DriftWatch {
         } else {
             self.without_temperature.saturating_add(1)
         };
+        if self.last.temperature {
+            self.temperature_until = Some(measured);
+        }
+        if self.last.others {
+            self.others_until = Some(measured);
+        }
         let blind_law = self.blind.step(&seen(period, &regressors.blind(day)));
         self.look(terms.limit);
         let law = law.or(blind_law).unwrap_or(Law {
@@ -341,11 +379,14 @@ impl DriftWatch {
     /// for commissioning.
     fn look(&mut self, limit: f64) {
         let was_told = self.above.any();
-        let is_above = |detector: &Detector| detector.statistic() > limit;
+        let is_above = |detector: &Detector, since, limit| detector.statistic_since(since) > limit;
+        let peers = |since, limit| (self.peers.as_ref()).is_some_and(|peers| is_above(peers, since, limit));
+        let watching = self.watching();
         self.above = Above {
-            compensated: self.watching().is_some_and(|one| is_above(&one.detector)),
-            peers: self.peers.as_ref().is_some_and(is_above),
-            blind: is_above(&self.blind),
+            compensated: watching.is_some_and(|one| is_above(&one.detector, None, limit)),
+            peers: peers(None, RARER * limit),
+            peers_alone: peers(self.temperature_until, limit),
+            blind: is_above(&self.blind, self.informed_until(), limit),
         };
         if !was_told
             && self.above.any()
@@ -363,7 +404,7 @@ impl DriftWatch {
     /// Joint finding of the detectors after the last period, `index`. What shows only relative to the median may be another rod;
     /// `is_new`: not for so long that it would have been reported.
     pub(crate) fn finding(&self, others: &Others, index: i64, is_new: bool) -> Finding {
-        if is_new && self.evidence_alone() <= MOVING && others.is_one_of_them(index, self.size()) {
+        if is_new && self.evidence_alone() <= MOVING && others.is_one_of_them(index, || self.size()) {
             return Finding::Quiet;
         }
         let has_witnesses = self.peers.is_some() && self.without_others <= companions::PATIENCE;
@@ -382,7 +423,7 @@ impl DriftWatch {
         } else if self.last.temperature {
             Finding::Quiet
         } else if self.last.others {
-            if self.above.peers {
+            if self.above.peers_alone {
                 Finding::Drift(Witness::Peers)
             } else {
                 Finding::Quiet
@@ -396,11 +437,19 @@ impl DriftWatch {
 
     /// Onset, size and shape of the change, by the best-informed detector of the last period.
     pub(crate) fn change(&self) -> Option<Change> {
-        let compensated = self.watching().map(|one| &one.detector);
-        let by = |witness: bool, detector: Option<&Detector>| detector.filter(|_| witness)?.change();
-        by(self.last.temperature || self.above.compensated, compensated)
-            .or_else(|| by(self.last.others, self.peers.as_ref()))
-            .or_else(|| self.blind.change())
+        let change = |(detector, since): (&Detector, _)| detector.change_since(since);
+        self.informed().find_map(change)
+    }
+
+    /// Detectors that had their inputs in the last period, the best-informed first, each with the time from which on its changes
+    /// count.
+    fn informed(&self) -> impl Iterator<Item = (&Detector, Option<f64>)> {
+        let is_compensated = self.last.temperature || self.above.compensated;
+        let compensated = self.watching().filter(|_| is_compensated);
+        let peers = self.peers.as_ref().filter(|_| self.last.others);
+        let first = compensated.map(|one| (&one.detector, None)).into_iter();
+        let second = peers.map(|peers| (peers, self.temperature_until)).into_iter();
+        first.chain(second).chain([(&self.blind, self.informed_until())])
     }
 
     /// Change of the ratio of a record since commissioning at the reference temperature, and its standard deviation; `None`
@@ -463,7 +512,7 @@ impl DriftWatch {
 
     /// True while the detector with the rod's own data only sees a change.
     pub(crate) fn is_blind_above(&self) -> bool {
-        self.above.blind
+        self.blind.statistic() > self.limit
     }
 
     /// True once it has run long enough for absence of evidence to count.
@@ -497,3 +546,60 @@ fn seen<'a>(period: &Period, columns: &'a [f64]) -> Seen<'a> {
 
 /// Index of the filter shown as the rod's temperature: six hours.
 const SHOWN: usize = 1;
+
+#[cfg(test)]
+mod tests {
+    use super::super::period::start_of;
+    use super::*;
+
+    const DAY_S: f64 = 86_400.0;
+
+    fn terms() -> Terms {
+        Terms {
+            limit: 3652.0,
+            thermal: Some(ThermalPrior {
+                slope_mean_per_k: -0.01,
+                slope_sd_per_k: 0.01,
+                curvature_sd_per_k2: 1e-5,
+                is_sparse: false,
+            }),
+            reference_c: Some(10.0),
+            learning_periods: 30,
+        }
+    }
+
+    /// Follows a rod without others: -1 % a kelvin, no temperature in `dark` days.
+    fn follow(days: i64, celsius: impl Fn(i64) -> f64, dark: impl Fn(i64) -> bool) -> Vec<Finding> {
+        let mut watch = DriftWatch::new(0.0, 0.002);
+        let one = |index: i64| {
+            let warmer = celsius(index) - 10.0;
+            let noise = 0.002 * (3.7 * index as f64).sin();
+            let period = Period {
+                index,
+                start: start_of(index, DAY_S),
+                measured: None,
+                records: 1,
+                delta: -0.01 * warmer + noise,
+                delta_sd: 0.002,
+                filtered_c: (!dark(index)).then_some([celsius(index); FILTERS_D.len()]),
+                lagged_c: None,
+                misfit: Vec::new(),
+                not_axial_p: 1.0,
+                charted: None,
+            };
+            watch.step(&terms(), &period, false, &Others::default(), DAY_S);
+            watch.finding(&Others::default(), index, false)
+        };
+        (0..days).map(one).collect()
+    }
+
+    #[test]
+    fn what_stands_in_tells_only_what_began_since() {
+        // A warm spell that the temperature explains and nothing else does.
+        let celsius = |day: i64| 10.0 + 2.0 * (day as f64 / 5.0).sin() + if day >= 60 { 25.0 } else { 0.0 };
+        let blind = follow(80, celsius, |_| true);
+        assert!(blind.contains(&Finding::Drift(Witness::Blind)), "{blind:?}");
+        let gaps = follow(80, celsius, |day| matches!(day, 66 | 70));
+        assert!(gaps.iter().all(|found| *found == Finding::Quiet), "{gaps:?}");
+    }
+}

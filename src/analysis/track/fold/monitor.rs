@@ -134,7 +134,17 @@ pub(crate) fn rewatch(tracker: &mut Tracker) {
         return;
     }
     let mut periods = std::mem::take(&mut tracker.state.periods);
+    let mut had_evidence = false;
     for period in &mut periods {
+        let evidence = period.charted.and_then(|charted| charted.evidence.blind);
+        // Only the first periods of a watch, and those after its restart, have none.
+        if evidence == Some(0.0)
+            && std::mem::take(&mut had_evidence)
+            && let Some(watch) = tracker.state.watch.get_mut()
+        {
+            watch.restart();
+        }
+        had_evidence |= evidence.is_some_and(|evidence| evidence > 0.0);
         if period.filtered_c.is_none()
             && let Some(&celsius) = period.lagged_c.as_ref().and_then(|lagged| lagged.get(LAGGED))
         {

@@ -11,7 +11,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::sync::{Arc, Weak};
 
 /// Version of the layout, changed whenever a packed field is added, removed or moved.
-const LAYOUT: &str = "3:";
+const LAYOUT: &str = "4:";
 
 /// An optional value that is packed in text formats. Its copies share it until one of them changes.
 #[derive(Debug, Clone, PartialEq)]
@@ -144,7 +144,7 @@ mod tests {
         assert_eq!(postcard::from_bytes::<Packed<Vec<f64>>>(&bytes).unwrap(), kept);
         assert_eq!(read(&text.replace(LAYOUT, "0:")).unwrap(), Packed(None));
         assert_eq!(read("null").unwrap(), Packed(None));
-        assert!(read(&text.replace(LAYOUT, "3:!")).is_err());
+        assert!(read(&text.replace(LAYOUT, &format!("{LAYOUT}!"))).is_err());
     }
     #[test]
     fn a_receipt_tells_every_change() {

@@ -260,6 +260,10 @@ impl Neighbour for State {
         self.watch.get().map_or(0.0, DriftWatch::size)
     }
 
+    fn moved_beside_others(&self) -> f64 {
+        self.watch.get().map_or(0.0, DriftWatch::moved_beside_others)
+    }
+
     fn drifts(&self) -> bool {
         self.holds(Kind::Drift) || self.watches.stands(Cause::Pattern)
     }

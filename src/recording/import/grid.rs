@@ -376,7 +376,7 @@ mod tests {
         let _ = even(&stamps(extremes, 1));
     }
 
-    /// A third of the samples of a file lost one by one are missing samples of one stretch, not stretches of another rate.
+    /// Samples lost four at a time are missing samples of one stretch, not stretches of another rate.
     #[test]
     fn short_gaps_are_missing_samples_of_one_stretch() {
         let kept: Vec<i64> = (0..1000).filter(|i| i % 10 < 6 || *i == 999).collect();

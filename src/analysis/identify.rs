@@ -19,7 +19,7 @@ use crate::signal::spectrum::{PeakSettings, Spectrum, WelchSettings};
 use std::sync::Arc;
 
 /// Version of the numbers: raised whenever the same record and configuration may give others.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 2;
 
 /// Settings of the analysis of one rod.
 #[derive(Debug, Clone, PartialEq)]

@@ -63,7 +63,7 @@ const STRAY_SHARE: f64 = 0.1;
 /// Relative difference of declared and measured rate below which the declared one counts the samples between
 /// stamps.
 const NEAR: f64 = 0.01;
-/// Residual below which stamps are exact \[samples\].
+/// Residual below which stamps are exact, and least drift a message by which a rate is wrong \[samples\].
 const EXACT: f64 = 0.02;
 
 impl Stretch {
@@ -220,8 +220,9 @@ pub(super) fn even(
         .map(|fs_hz| 1e9 / fs_hz)
         .filter(|told| (told / own - 1.0).abs() < NEAR);
     let (mut holes, mut line) = count_lost(told.unwrap_or(own))?;
-    if told.is_some() && !holes.is_empty() {
-        // Against the declared rate, a slow clock looks like losses: they stand unless the stamps' own rate explains the stamps better.
+    let drift = told.map_or(0.0, |told| (told / own - 1.0).abs() * size);
+    if drift > EXACT || told.is_some() && !holes.is_empty() {
+        // Against the declared rate a slow clock looks like losses, and a fast one hides them: the rate that explains the stamps best counts.
         let misfit =
             |(holes, line): &(Holes, Line)| misfit(line, points(&times, &sizes, holes), holes.len(), dt);
         let mut best = (holes, line);

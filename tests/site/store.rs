@@ -248,7 +248,7 @@ fn requests_wait_for_the_writer_and_keep_their_order() {
 
     // The first is applied at once; the second needs the fold, and the third waits behind it.
     let mut states = store.states().unwrap();
-    assert_eq!(store.acknowledge_waiting(&mut states).unwrap(), 2);
+    assert_eq!(store.acknowledge_waiting(&mut states).unwrap(), (1, 2));
     assert_eq!(store.alarm(&alarm).unwrap().unwrap().acknowledged, Some(asked));
     let kept = store.alarms(&Filter::default()).unwrap();
     assert_eq!(kept[0].acknowledged, Some(asked));

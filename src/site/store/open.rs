@@ -139,6 +139,9 @@ fn open_of_others(path: &Path, flags: OpenFlags) -> Result<(Connection, PathBuf)
     }
 }
 
+/// View of the periods of an older format with the columns of now.
+pub(super) const LISTED_PERIODS: &str = "listed_period";
+
 /// Stands in for the tables that a store of an older format lacks, with empty ones, and for the columns that its periods lack,
 /// with NULL; for this connection alone.
 fn stand_in(connection: &Connection) -> rusqlite::Result<()> {
@@ -159,7 +162,8 @@ fn stand_in(connection: &Connection) -> rusqlite::Result<()> {
         .map(|name| format!(", NULL AS {name}"))
         .collect();
     if !missing.is_empty() {
-        let sql = format!("CREATE TEMP VIEW period AS SELECT main.period.*{missing} FROM main.period");
+        let sql =
+            format!("CREATE TEMP VIEW {LISTED_PERIODS} AS SELECT main.period.*{missing} FROM main.period");
         connection.execute_batch(&sql)?;
     }
     Ok(())

@@ -337,6 +337,7 @@ impl Reader {
     pub fn columns(&self, listing: Listing) -> Result<Vec<String>, StoreError> {
         let names = || -> rusqlite::Result<Vec<String>> {
             let (sql, _) = listing.sql(&Filter::default(), self.orders()?);
+            let sql = self.of_now(listing, sql)?;
             let statement = self.connection.prepare(&sql)?;
             Ok(statement.column_names().map(str::to_owned).collect())
         };
@@ -359,6 +360,7 @@ impl Reader {
         }
         let names = self.columns(listing)?;
         let (sql, values) = listing.sql(filter, self.orders().map_err(fault)?);
+        let sql = self.of_now(listing, sql).map_err(fault)?;
         let mut statement = self.connection.prepare(&sql).map_err(fault)?;
         let mut rows = statement
             .query(rusqlite::params_from_iter(values))
@@ -371,6 +373,20 @@ impl Reader {
             on_row(&names, &values)?;
         }
         Ok(())
+    }
+
+    /// Listing of a store of an older format, whose periods lack columns.
+    fn of_now(&self, listing: Listing, sql: String) -> rusqlite::Result<String> {
+        let stands_in = matches!(listing, Listing::Periods)
+            && self
+                .connection
+                .prepare_cached("SELECT 1 FROM temp.sqlite_master WHERE name = ?")?
+                .exists([super::open::LISTED_PERIODS])?;
+        Ok(if stands_in {
+            sql.replacen("FROM period", &format!("FROM {}", super::open::LISTED_PERIODS), 1)
+        } else {
+            sql
+        })
     }
 
     /// Highest mode order of any record.

@@ -2,7 +2,7 @@
 
 use super::BadArguments;
 use super::import::MessageEncoding;
-use super::listing::{Aligned, cell, csv, is_coloured, minutes, object};
+use super::listing::{Aligned, cell, csv, decimals, is_coloured, minutes, object};
 use super::render::percent;
 use super::which_store::{Format, WhichStore, check_rod};
 use crate::analysis::record_view::Snapshot;
@@ -120,6 +120,21 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     };
     if args.encoding != MessageEncoding::Json && args.format != AnyFormat::Mcap {
         return Err(BadArguments("--encoding is that of --format mcap".to_owned()).into());
+    }
+    let has_lines = match args.format {
+        AnyFormat::Json => matches!(args.what, What::Records | What::Rejections),
+        AnyFormat::Mcap => true,
+        _ => false,
+    };
+    if has_lines {
+        let older = reader.without_line(&filter)?;
+        let count = match args.what {
+            What::Rejections => older.refused,
+            _ => older.records,
+        };
+        if count > 0 {
+            tell!("{count} older records have no JSON line any more (keep_lines_d): --format csv has them");
+        }
     }
     let mut out = io::BufWriter::new(io::stdout());
     let format = match args.format {
@@ -306,13 +321,13 @@ fn cells(what: What, row: &Row<'_>) -> Vec<String> {
                 (None, None) => "-".to_owned(),
             };
             let force = match (row.number("force_at_reference_n"), row.number("tracked_force_n")) {
-                (Some(mean), _) => row.with_sd(mean, "force_at_reference_sd_n", 1e-3, 0),
-                (None, Some(mean)) => format!("~{}", row.with_sd(mean, "tracked_force_sd_n", 1e-3, 0)),
+                (Some(mean), _) => row.force_with_sd(mean, "force_at_reference_sd_n"),
+                (None, Some(mean)) => format!("~{}", row.force_with_sd(mean, "tracked_force_sd_n")),
                 (None, None) => "-".to_owned(),
             };
             let absolute = row.number("axial_force_n").map_or_else(
                 || "-".to_owned(),
-                |mean| row.with_sd(mean, "axial_force_sd_n", 1e-3, 0),
+                |mean| row.force_with_sd(mean, "axial_force_sd_n"),
             );
             let state = match (row.text("rejection"), row.text("set_aside")) {
                 (Some(code), _) => {
@@ -341,7 +356,7 @@ fn cells(what: What, row: &Row<'_>) -> Vec<String> {
             };
             let percent = |mean: &str, sd: &str| {
                 row.number(mean)
-                    .map_or_else(|| "-".to_owned(), |mean| row.with_sd(mean, sd, 100.0, 2))
+                    .map_or_else(|| "-".to_owned(), |mean| row.percent_with_sd(mean, sd))
             };
             vec![
                 row.shown("rod"),
@@ -428,8 +443,16 @@ impl Row<'_> {
         )
     }
 
-    fn with_sd(&self, mean: f64, sd: &str, factor: f64, digits: usize) -> String {
-        let sd = self.number(sd).unwrap_or(f64::NAN);
-        format!("{:.digits$} ± {:.digits$}", mean * factor, sd * factor)
+    fn percent_with_sd(&self, mean: f64, sd: &str) -> String {
+        let sd = 100.0 * self.number(sd).unwrap_or(f64::NAN);
+        format!("{:.2} ± {sd:.2}", 100.0 * mean)
+    }
+
+    /// Force in kN with its standard deviation.
+    fn force_with_sd(&self, mean_n: f64, sd_n: &str) -> String {
+        let sd = 1e-3 * self.number(sd_n).unwrap_or(f64::NAN);
+        let mean = 1e-3 * mean_n;
+        let digits = decimals(mean);
+        format!("{mean:.digits$} ± {sd:.digits$}")
     }
 }

@@ -221,6 +221,13 @@ pub fn object(names: &[String], values: &[Value]) -> Json {
     Json::Object(names.iter().zip(values).map(entry).collect())
 }
 
+/// Decimals that give a value three significant digits: none from 100 on, four at most.
+pub(super) fn decimals(value: f64) -> usize {
+    (0..4)
+        .find(|digits| value.abs() >= 10_f64.powi(2 - digits))
+        .map_or(4, |digits| digits.unsigned_abs() as usize)
+}
+
 /// `2026-03-01 06:00` from RFC 3339 in UTC, cut off at the minute.
 pub fn minutes(time: &str) -> String {
     let seconds = seconds(time);

@@ -3,6 +3,7 @@
 use super::which_store::{WhichStore, ask, check_rod};
 use crate::site::clock;
 use crate::site::store::{Asked, Reader};
+use crate::site::trackers::behind;
 use std::process::ExitCode;
 
 /// Start a new baseline for a rod, after work on it.
@@ -44,6 +45,17 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 format!("a new baseline of {rod} is asked for already: it begins with the next record\n");
             return super::print(text.as_bytes());
         }
+    }
+    let standing = match &rod {
+        Some(rod) => reader.standing(rod)?,
+        None => None,
+    };
+    if let Some(latest) = behind(standing.and_then(|standing| standing.latest_start), clock::now()) {
+        tell!(
+            "warning: the latest record of {} is of {latest}: if records from before the work are still to come, the new baseline \
+             begins with one of them; ask again when they are in",
+            args.rod
+        );
     }
     drop(reader);
     let what = Asked::Rebaseline {

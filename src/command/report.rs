@@ -13,10 +13,10 @@ use crate::command::report_page::view::{
 };
 use crate::config::{Config, RodConfig};
 use crate::recording::atomic::AtomicFile;
-use crate::site::record_row::{RecordRow, RejectionRow};
+use crate::site::record_row::RecordRow;
 use crate::site::store::{Filter, Reader, Standing};
 use anyhow::Context;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -54,6 +54,16 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let reader = Reader::open(&args.which.path()?)?;
     let rod = check_rod(&reader, args.rod.as_deref())?;
     let page = write(&reader, rod.as_ref(), &args.out)?;
+    let older = reader.without_line(&Filter {
+        rod,
+        ..Filter::default()
+    })?;
+    if older.records > 0 {
+        tell!(
+            "{} older records have no JSON line any more (keep_lines_d): they are counted, but the figures over time begin after them",
+            older.records
+        );
+    }
     super::print(format!("{}\n", page.display()).as_bytes())
 }
 
@@ -223,30 +233,32 @@ fn load_rod(reader: &Reader, standing: &Standing, meaning: &mut Meaning) -> anyh
     let rod = &standing.rod;
     let mut report = RodReport::new(&rod.0);
     report.state = Some(standing.state.clone());
+    report.segment = Some(standing.segment);
     let filter = Filter {
         rod: Some(rod.clone()),
         ..Filter::default()
     };
-    let mut rejections: BTreeMap<String, RejectionCount> = BTreeMap::new();
     reader.rows(&filter, |row| -> anyhow::Result<()> {
         meaning.see(&row);
-        match row.rejection {
-            Some(RejectionRow { code, message, .. }) => {
-                let entry = rejections.entry(code.clone()).or_insert_with(|| RejectionCount {
-                    code,
-                    count: 0,
-                    last: None,
-                    message: String::new(),
-                });
-                entry.count += 1;
-                entry.last = entry.last.max(row.start);
-                entry.message = message;
-            }
-            None => report.records.extend(point(row)),
+        if row.rejection.is_none() {
+            report.records.extend(point(row));
         }
         Ok(())
     })?;
-    report.rejections = rejections.into_values().collect();
+    // Counts and provenance are of all records, whether they have a line or not.
+    report.older_used = usize::try_from(reader.without_line(&filter)?.used)?;
+    for (config, version) in reader.meanings(rod)? {
+        meaning.configs.insert(config);
+        meaning.versions.extend(version);
+    }
+    for refusal in reader.refusals(rod)? {
+        report.rejections.push(RejectionCount {
+            code: refusal.code,
+            count: usize::try_from(refusal.count)?,
+            last: refusal.last,
+            message: refusal.message,
+        });
+    }
     report
         .rejections
         .sort_by(|a, b| b.count.cmp(&a.count).then_with(|| a.code.cmp(&b.code)));
@@ -282,10 +294,6 @@ fn load_rod(reader: &Reader, standing: &Standing, meaning: &mut Meaning) -> anyh
 
 impl Meaning {
     fn see(&mut self, row: &RecordRow) {
-        if !self.configs.contains(&row.config) {
-            self.configs.insert(row.config.clone());
-        }
-        self.versions.extend(row.analysis_version);
         let is_later = |start: &Timestamp| self.latest.as_ref().is_none_or(|(latest, _)| latest <= start);
         if let Some(start) = row.start.filter(is_later) {
             self.latest = Some((start, row.config.clone()));

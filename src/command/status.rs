@@ -1,6 +1,6 @@
 //! `tirante status`: shows the state of every rod, since when, and why.
 
-use super::listing::{Aligned, csv, is_coloured, minutes};
+use super::listing::{Aligned, csv, decimals, is_coloured, minutes};
 use super::render::signed_percent;
 use super::which_store::{Format, WhichStore, check_rod};
 use crate::analysis::findings::Doubt;
@@ -121,7 +121,8 @@ fn table(rows: &[RodStatus]) -> String {
             row.state.to_owned(),
             force.map_or_else(dash, |n| {
                 let [mean, low, high] = [n.mean, n.q025, n.q975].map(|n| n * 1e-3);
-                format!("{force_mark}{mean:.0} ({low:.0} to {high:.0})")
+                let digits = decimals(mean);
+                format!("{force_mark}{mean:.digits$} ({low:.digits$} to {high:.digits$})")
             }),
             row.relative_force.as_ref().map_or_else(dash, |r| {
                 let [mean, low, high] = [r.mean, r.q025, r.q975].map(signed_percent);

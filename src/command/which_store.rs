@@ -136,7 +136,7 @@ pub fn ask(path: &Path, requests: &[(RodId, Asked)], asked: Timestamp) -> anyhow
         store.request(rod, what, asked)?;
     }
     let mut states = store.states()?;
-    let still = store.acknowledge_waiting(&mut states)?;
+    let (_, still) = store.acknowledge_waiting(&mut states)?;
     Ok(if still == 0 {
         "done".to_owned()
     } else {

@@ -22,6 +22,8 @@ use std::sync::Arc;
 pub struct Site {
     trackers: BTreeMap<RodId, Tracker>,
     emulators: BTreeMap<RodId, &'static str>,
+    /// States of rods with alarms that are no longer configured.
+    retired: BTreeMap<RodId, State>,
     store: Store,
     config_hash: String,
     renewed: Vec<(RodId, u32)>,
@@ -131,12 +133,22 @@ impl Site {
             }
             store.end_group()?;
         }
-        for state in states.into_values().filter(State::is_untouched) {
+        let (untouched, mut retired): (BTreeMap<_, _>, BTreeMap<_, _>) =
+            states.into_iter().partition(|(_, state)| state.is_untouched());
+        for state in untouched.into_values() {
             forget(&mut store, state)?;
+        }
+        retired.retain(|_, state| !state.alarms.is_empty());
+        // A rod of another site with the same store is not gone.
+        if sites_in(&store)?.len() == 1 {
+            for state in retired.values_mut() {
+                store.retire(state)?;
+            }
         }
         Ok(Self {
             trackers,
             emulators,
+            retired,
             store,
             config_hash: provenance.hash.to_owned(),
             renewed,
@@ -403,8 +415,13 @@ impl Site {
     /// The store returned an error: requests not applied yet still wait.
     pub fn apply_requests(&mut self) -> Result<usize, StoreError> {
         let mut applied = 0;
-        for rod in self.store.rods_asked()? {
-            applied += self.do_as_asked(&rod)?;
+        let asked = self.store.rods_asked()?;
+        let is_retired = asked.iter().any(|rod| self.retired.contains_key(rod));
+        for rod in &asked {
+            applied += self.do_as_asked(rod)?;
+        }
+        if is_retired {
+            applied += self.store.acknowledge_waiting(&mut self.retired)?.0;
         }
         Ok(applied)
     }
@@ -461,7 +478,16 @@ impl Site {
         for request in &requests {
             let events = match &request.what {
                 Asked::Acknowledge { alarm, .. } => tracker.acknowledge(alarm, request.asked),
-                Asked::Rebaseline { .. } => tracker.rebaseline(None),
+                Asked::Rebaseline { .. } => {
+                    if let Some(latest) = behind(tracker.state().latest, request.asked) {
+                        tracing::warn!(
+                            "rod {rod}: the new baseline begins with the next record, but the latest is of {latest} and it was asked \
+                             for at {}: the next records may be from before the work",
+                            request.asked
+                        );
+                    }
+                    tracker.rebaseline(None)
+                }
             };
             self.store.commit(&Commit {
                 rod: Some(row(tracker, &tracker.rod_state(), &events)),
@@ -471,6 +497,11 @@ impl Site {
         }
         Ok(requests.len())
     }
+}
+
+/// Latest record of a rod if it is more than a day older than a request: others from before the request may come yet.
+pub fn behind(latest: Option<Timestamp>, asked: Timestamp) -> Option<Timestamp> {
+    latest.filter(|latest| asked.seconds_since(*latest) > 86_400.0)
 }
 
 /// Change of a rod without a record.
@@ -507,12 +538,16 @@ fn forget(store: &mut Store, mut state: State) -> Result<(), StoreError> {
     store.forget_rod(&rod)
 }
 
+fn sites_in(store: &Store) -> Result<BTreeSet<String>, StoreError> {
+    Ok(store.configs()?.into_iter().map(|[_, site, _]| site).collect())
+}
+
 /// Other sites with records in a store.
 ///
 /// # Errors
 /// The store cannot be read.
 pub fn others_in(store: &Store, site: &str) -> Result<Vec<String>, StoreError> {
-    let sites: BTreeSet<String> = store.configs()?.into_iter().map(|[_, site, _]| site).collect();
+    let sites = sites_in(store)?;
     if sites.contains(site) {
         return Ok(Vec::new());
     }

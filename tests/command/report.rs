@@ -293,3 +293,40 @@ fn numbers_beyond_all_bounds_are_drawn_or_left_out() {
         assert!(!path.contains("NaN") && !path.contains("inf"), "{path}");
     }
 }
+
+#[test]
+fn force_now_is_that_of_a_record_that_counts_and_of_the_present_baseline() {
+    let cells = |rod: RodReport| {
+        let html = page(&site(vec![rod]));
+        let row = html.split("href=\"#rod1\"").nth(1).unwrap();
+        row.split("</tr>").next().unwrap().to_owned()
+    };
+    let mut report = rod("north", 60, HOUR, 1);
+    report.segment = Some(1);
+    let good = cells(report.clone());
+    let used = report.records.len();
+    assert!(good.contains(&format!("{used} / ")), "{good}");
+    // Of a clock that was wrong: the last by time, of no use.
+    let mut wrong = report.records.last().unwrap().clone();
+    wrong.set_aside = Some("clock".to_owned());
+    wrong.force_n.mean *= 2.0;
+    (wrong.tracked_force_n, wrong.ratio, wrong.ratio_at_reference) = (None, None, None);
+    report.records.push(wrong);
+    assert_eq!(report.used(), used);
+    assert_eq!(cells(report.clone()), good);
+    // The baseline was given up: no change against it is told.
+    report.segment = Some(2);
+    let given_up = cells(report);
+    assert!(given_up.contains("no baseline yet"), "{given_up}");
+}
+
+#[test]
+fn the_current_segment_is_not_always_the_highest() {
+    let mut report = rod("north", 60, HOUR, 1);
+    let mut later = report.segments[0].clone();
+    later.number = 2;
+    report.segments.push(later);
+    assert_eq!(report.segment().unwrap().number, 2);
+    report.segment = Some(1);
+    assert_eq!(report.segment().unwrap().number, 1);
+}

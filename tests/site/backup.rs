@@ -5,7 +5,7 @@ use crate::archive::*;
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
-use tirante::site::store::{Durability, Reader, Store};
+use tirante::site::store::{self, Durability, Reader, Store};
 
 fn backup(store: &Path, target: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_tirante"))
@@ -100,4 +100,21 @@ fn no_store_is_written_over_and_no_damage_is_copied() {
     assert_eq!(output.status.code(), Some(1));
     assert!(said(&output).contains("is damaged"), "{}", said(&output));
     assert!(!copy.exists(), "the last good copy would still be there");
+}
+
+#[test]
+fn a_copy_that_was_looked_at_is_replaced_by_the_next() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, copy] = ["site.sqlite", "copy.sqlite"].map(|name| folder.path().join(name));
+    let writer = Store::open(&path, Durability::Full).unwrap();
+    assert_eq!(backup(&path, &copy).status.code(), Some(0));
+    assert_eq!(store::is_held(&path), Some(true));
+    assert!(store::held(&path).is_some());
+    assert_eq!(store::is_held(&copy), Some(false));
+    assert!(store::held(&copy).is_none());
+    assert_eq!(backup(&path, &copy).status.code(), Some(0));
+    // Who asks takes the lock from nobody.
+    drop(writer);
+    assert_eq!(store::is_held(&path), Some(false));
+    drop(Store::open(&path, Durability::Full).unwrap());
 }

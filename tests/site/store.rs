@@ -6,10 +6,13 @@ use rusqlite::Connection;
 use std::collections::BTreeMap;
 use std::path::Path;
 use tirante::analysis::signal::record::RodId;
-use tirante::analysis::track::{Kind, RodState, State};
+use tirante::analysis::track::fold::state::Opening;
+use tirante::analysis::track::{Alarm, Kind, RodState, State};
+use tirante::site::prepared::Provenance;
 use tirante::site::store::{
     Asked, Commit, Durability, Filter, Listing, Reader, RodRow, Store, StoreError, request_of_writer,
 };
+use tirante::site::trackers::Site;
 
 fn open(path: &Path) -> Store {
     Store::open(path, Durability::Replay).unwrap()
@@ -248,7 +251,7 @@ fn requests_wait_for_the_writer_and_keep_their_order() {
 
     // The first is applied at once; the second needs the fold, and the third waits behind it.
     let mut states = store.states().unwrap();
-    assert_eq!(store.acknowledge_waiting(&mut states).unwrap(), 2);
+    assert_eq!(store.acknowledge_waiting(&mut states).unwrap(), (1, 2));
     assert_eq!(store.alarm(&alarm).unwrap().unwrap().acknowledged, Some(asked));
     let kept = store.alarms(&Filter::default()).unwrap();
     assert_eq!(kept[0].acknowledged, Some(asked));
@@ -475,6 +478,16 @@ fn a_store_of_the_first_format_is_read_as_it_is_and_brought_up_to_date_by_a_writ
     };
     let reader = Reader::open(&path).unwrap();
     assert_eq!(history(&reader), expected);
+    // Its table of periods lacks columns of now.
+    let periods = reader.columns(Listing::Periods).unwrap();
+    assert_eq!(periods.last().unwrap(), "evidence_blind");
+    let none = |_: &[String], _: &[rusqlite::types::Value]| {
+        Err(StoreError::Held {
+            path: path.clone(),
+            pid: None,
+        })
+    };
+    reader.list(Listing::Periods, &Filter::default(), none).unwrap();
     let before = dumped(&reader);
     drop(reader);
     let store = open(&path);
@@ -485,4 +498,114 @@ fn a_store_of_the_first_format_is_read_as_it_is_and_brought_up_to_date_by_a_writ
     assert_eq!(store.delivered("mail").unwrap(), None);
     drop(store);
     assert_eq!(dumped(&Reader::open(&path).unwrap()), before);
+}
+
+/// Writes the state of a rod, with its alarms as raised.
+fn keep(store: &mut Store, state: &State, stands: &RodState) {
+    let raised = state
+        .alarms
+        .iter()
+        .map(|alarm| tirante::analysis::track::AlarmEvent {
+            what: tirante::analysis::track::What::Raised,
+            time: alarm.raised,
+            alarm: alarm.clone(),
+        });
+    let events: Vec<_> = raised.collect();
+    store
+        .commit(&Commit {
+            rod: Some(RodRow {
+                state,
+                stands,
+                closed: &[],
+                events: &events,
+            }),
+            ..Commit::default()
+        })
+        .unwrap();
+}
+
+#[test]
+fn a_state_from_before_a_requested_baseline_does_not_come_back() {
+    let mut store = Store::in_memory().unwrap();
+    let rod = RodId("north".into());
+    let found = |store: &Store, key: &str| {
+        let state = store.off_the_shelf(&rod, key).unwrap();
+        state.map(|state| state.segment.number)
+    };
+    let first = State::new(rod.clone(), "K".into());
+    keep(&mut store, &first, &RodState::Monitoring);
+    store.shelve(&first).unwrap();
+    let second = first.next_segment(Opening::Changed, "L".into(), false);
+    keep(&mut store, &second, &RodState::Monitoring);
+    assert_eq!(found(&store, "K"), Some(1));
+    for (opening, number) in [(Opening::Requested, 3), (Opening::Clock, 3)] {
+        let mut store = Store::in_memory().unwrap();
+        keep(&mut store, &first, &RodState::Monitoring);
+        store.shelve(&first).unwrap();
+        keep(&mut store, &second, &RodState::Monitoring);
+        let third = second.next_segment(opening, "L".into(), false);
+        keep(&mut store, &third, &RodState::Monitoring);
+        assert_eq!(found(&store, "K"), None, "{opening:?}");
+        assert_eq!(store.shelved(&rod).unwrap(), []);
+        // What was learned after it does.
+        store.shelve(&third).unwrap();
+        keep(
+            &mut store,
+            &third.next_segment(Opening::Changed, "M".into(), false),
+            &RodState::Monitoring,
+        );
+        assert_eq!(found(&store, "L"), Some(number));
+    }
+}
+
+#[test]
+fn without_a_fold_an_acknowledgement_leaves_the_state_that_the_fold_would() {
+    let mut store = Store::in_memory().unwrap();
+    let rod = RodId("north".into());
+    let mut state = State::new(rod.clone(), "K".into());
+    state.segment.fault = Some("too few modes".to_owned());
+    let mut alarm = Alarm::new(&rod, Kind::Drift, 1, hour(1), "It fell.".into());
+    alarm.cleared = Some(hour(2));
+    state.alarms.push(alarm.clone());
+    keep(&mut store, &state, &RodState::Alarm);
+    let said = Asked::acknowledge(&alarm.id, Some("M. Rossi"), None);
+    store.request(&rod, &said, hour(3)).unwrap();
+    let mut states = store.states().unwrap();
+    assert_eq!(store.acknowledge_waiting(&mut states).unwrap(), (1, 0));
+    let reason = "no baseline: too few modes".to_owned();
+    let standing = store.standing(&rod).unwrap().unwrap();
+    assert_eq!(standing.state, RodState::NotMonitoring { reason });
+}
+
+#[test]
+fn alarms_of_a_rod_that_was_taken_out_end_and_can_be_acknowledged() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("site.db");
+    let mut store = open(&path);
+    let rod = RodId("north".into());
+    let mut state = State::new(rod.clone(), "K".into());
+    state.latest = Some(hour(5));
+    for kind in [Kind::Drift, Kind::Sensor] {
+        state
+            .alarms
+            .push(Alarm::new(&rod, kind, 1, hour(1), "It is so.".into()));
+    }
+    keep(&mut store, &state, &RodState::Alarm);
+    let provenance = Provenance {
+        site: "Duomo",
+        hash: "h",
+        effective: "",
+    };
+    let mut site = Site::open([], store, provenance).unwrap();
+    let standing = |site: &Site| -> Vec<Kind> {
+        let alarms = site.store().standing(&rod).unwrap().unwrap().alarms;
+        alarms.iter().map(|alarm| alarm.kind).collect()
+    };
+    // The sensor's condition is over; what is latched waits for a person.
+    assert_eq!(standing(&site), [Kind::Drift]);
+    let said = Asked::acknowledge(&state.alarms[0].id, Some("M. Rossi"), None);
+    request_of_writer(&path, &[(rod.clone(), said)], hour(6)).unwrap();
+    assert_eq!(site.apply_requests().unwrap(), 1);
+    assert_eq!(standing(&site), []);
+    assert_eq!(site.store().rods_asked().unwrap(), []);
 }

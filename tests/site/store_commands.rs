@@ -303,3 +303,27 @@ fn what_is_written_while_others_come_and_go_stays() {
     let copy = Reader::open(&folder.path().join("copy.db")).unwrap();
     assert_eq!(copy.rows_after(0, 1000).unwrap().len(), 60);
 }
+
+#[test]
+fn records_without_their_lines_are_counted_all_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("site.db");
+    let reader = filled(&path);
+    let rod = RodId("south è".into());
+    let counted = |reader: &Reader| {
+        let report = tirante::command::report::load(reader, Some(&rod)).unwrap();
+        let report = &report.rods[0];
+        (report.used(), report.rejections.clone(), report.segment)
+    };
+    let before = counted(&reader);
+    assert_eq!(before.0, 20);
+    assert_eq!(before.1[0].count, 5);
+    assert!(before.1[0].last.is_some());
+    Store::open(&path, Durability::Replay)
+        .unwrap()
+        .forget_lines(&rod, None, hour(30))
+        .unwrap();
+    let gone = reader.without_line(&Filter::default()).unwrap();
+    assert_eq!((gone.records, gone.refused, gone.used), (15, 3, 12));
+    assert_eq!(counted(&reader), before);
+}

@@ -169,7 +169,7 @@ fn overview_row(i: usize, rod: &RodReport) -> Vec<Cell> {
             || "none".to_owned(),
             |record| moment(record.start).replace(" UTC", ""),
         )),
-        Cell::Text(format!("{} / {refused}", rod.records.len())),
+        Cell::Text(format!("{} / {refused}", rod.used())),
         Cell::Value(if standing.is_empty() {
             "none".to_owned()
         } else {

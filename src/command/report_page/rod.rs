@@ -7,7 +7,7 @@ use super::markup::Markup;
 use super::page::{counted, day, moment, state_class, state_text};
 use super::record::{self, Drawn};
 use super::single;
-use super::view::RodReport;
+use super::view::{RecordPoint, RodReport};
 use crate::analysis::findings::{CONFLICT_SHOWN, motion_said};
 use crate::analysis::inference::VarianceShares;
 use crate::analysis::record_view::Snapshot;
@@ -37,9 +37,21 @@ pub(super) struct Now {
     pub change: String,
 }
 
-/// Latest force and change; a record that does not count has none.
+/// Force and change of the latest record that counts. What is relative to a baseline is left out where that was given up since.
 pub(super) fn now(rod: &RodReport) -> Now {
-    let Some(last) = rod.records.last() else {
+    let last = rod.last_used().cloned().map(|last| {
+        if rod.segment.is_none() || rod.segment == last.segment {
+            return last;
+        }
+        RecordPoint {
+            tracked_force_n: None,
+            force_at_reference_n: None,
+            ratio: None,
+            ratio_at_reference: None,
+            ..last
+        }
+    });
+    let Some(last) = last else {
         let none = || "not known".to_owned();
         return Now {
             as_measured: none(),
@@ -174,7 +186,10 @@ fn remarks(html: &mut Markup, rod: &RodReport) {
     if let Some(fault) = rod.segment().and_then(|segment| segment.fault.as_ref()) {
         calm(format!("The last attempt to learn a baseline failed: {fault}."));
     }
-    if last.ratio.is_some() && last.ratio_at_reference.is_none() {
+    if rod
+        .last_used()
+        .is_some_and(|used| used.ratio.is_some() && used.ratio_at_reference.is_none())
+    {
         calm(
             "The change is not compensated for temperature: a warm day can look like a loss of force, a cold one like a gain."
                 .to_owned(),

@@ -23,6 +23,10 @@ pub struct RodReport {
     pub rod: String,
     /// State after its last record; `None` if it is not tracked.
     pub state: Option<RodState>,
+    /// Number of its current segment, if known: not always the highest one, as earlier settings may have come back.
+    pub segment: Option<u32>,
+    /// Number of used records that are not among `records`, as their lines were removed.
+    pub older_used: usize,
     /// Unit of its samples as written, if known: `m`, `m/s`.
     pub motion_unit: Option<String>,
     /// Facts of its configuration, as name and value: length, section, material, supports.
@@ -55,6 +59,8 @@ impl RodReport {
         Self {
             rod: rod.to_owned(),
             state: None,
+            segment: None,
+            older_used: 0,
             motion_unit: None,
             facts: Vec::new(),
             baseline_takes: None,
@@ -91,7 +97,24 @@ impl RodReport {
 
     /// The current segment.
     pub fn segment(&self) -> Option<&SegmentReport> {
-        self.segments.last()
+        match self.segment {
+            Some(current) => self.segments.iter().find(|segment| segment.number == current),
+            None => self.segments.last(),
+        }
+    }
+
+    /// The latest record that counts.
+    pub fn last_used(&self) -> Option<&RecordPoint> {
+        self.records
+            .iter()
+            .rev()
+            .find(|record| record.set_aside.is_none())
+    }
+
+    /// Number of records that count.
+    pub fn used(&self) -> usize {
+        let here = self.records.iter().filter(|record| record.set_aside.is_none());
+        self.older_used + here.count()
     }
 }
 

@@ -21,6 +21,9 @@ const BATCH: usize = 100;
 /// Interval at which the store is checked without notification.
 const LOOK_EVERY: Duration = Duration::from_secs(30);
 
+/// Name under which the copy to a centre once kept its position.
+const OLD_COPY: &str = "forward";
+
 /// Name under which the store keeps the number of the last notice that a sink has. No id has a slash.
 fn notices_mark(sink: &str) -> String {
     format!("{sink}/conditions")
@@ -250,6 +253,20 @@ impl Courier {
             if notices.is_empty() {
                 return Ok(());
             }
+            let last = notices.last().map_or(place.notices, |notice| notice.number);
+            if !self.sink.gathers_for().is_zero() {
+                let messages = notices
+                    .iter()
+                    .map(|notice| Message::of_notice(&self.errand.site, notice));
+                let mut waiting: Vec<Message> = messages.collect();
+                waiting.retain(|message| !self.told.contains(&message.id));
+                self.send_at_once(&waiting)?;
+                self.told.clear();
+                place.notices = last;
+                self.arrive(*place);
+                self.report(&notices_mark(&self.errand.settings.id), place.notices)?;
+                continue;
+            }
             for notice in notices {
                 let message = Message::of_notice(&self.errand.site, &notice);
                 if !self.told.remove(&message.id) {
@@ -269,20 +286,26 @@ impl Courier {
             return Ok(place);
         }
         let id = &self.errand.settings.id;
-        let place = match reader.delivered(id)? {
+        let latest = reader.latest_news()?;
+        let notices = reader.delivered(&notices_mark(id))?;
+        // Up to store format 6 the copy to a centre noted the number of its last commit as `forward`: such a mark is none of a
+        // sink of that name, nor is one past all events.
+        let is_of_copy = |through: &i64| *through > latest || (id == OLD_COPY && notices.is_none());
+        let place = match reader.delivered(id)?.filter(|through| !is_of_copy(through)) {
             Some(through) => Place {
                 through,
-                notices: reader.delivered(&notices_mark(id))?.unwrap_or(0),
+                notices: notices.unwrap_or(0),
                 knows_standing: reader.delivered(&standing_mark(id))?.is_some(),
             },
             None => {
                 let place = Place {
-                    through: reader.latest_news()?,
+                    through: latest,
                     notices: reader.latest_notice()?,
                     knows_standing: false,
                 };
-                self.report(id, place.through)?;
+                // The sink's own mark last: without it the sink is still new after a kill between the two.
                 self.report(&notices_mark(id), place.notices)?;
+                self.report(id, place.through)?;
                 place
             }
         };
@@ -294,6 +317,14 @@ impl Courier {
     fn tell_standing(&mut self, reader: &Reader, place: &mut Place) -> Result<(), Trouble> {
         if self.standing.is_none() {
             self.standing = Some(self.standing_before(reader, *place)?);
+        }
+        if !self.sink.gathers_for().is_zero() {
+            let standing: Vec<Message> = self.standing.iter().flatten().cloned().collect();
+            for together in standing.chunks(BATCH) {
+                self.send_at_once(together)?;
+                let left = self.standing.as_mut();
+                left.map(|standing| standing.drain(..together.len().min(standing.len())));
+            }
         }
         while let Some(message) = self.standing.as_ref().and_then(VecDeque::front).cloned() {
             self.send(&message)?;
@@ -351,6 +382,16 @@ impl Courier {
         let standing = self.messages_of_standing(reader)?;
         guarded(|| self.sink.refresh(&standing))?;
         self.refreshed = Some(Instant::now());
+        Ok(())
+    }
+
+    /// Sends messages that waited, together and ungathered; nothing if there are none.
+    fn send_at_once(&mut self, messages: &[Message]) -> Result<(), Trouble> {
+        if messages.is_empty() {
+            return Ok(());
+        }
+        guarded(|| self.sink.deliver_all(messages))?;
+        self.worked()?;
         Ok(())
     }
 

@@ -40,6 +40,9 @@ pub struct Couriers {
 
 const DAY_S: f64 = 86_400.0;
 
+/// Subject of the condition of delivery marks that cannot be kept. No sink id has a slash.
+const MARKS: &str = "alert/marks";
+
 struct Running {
     settings: SinkSettings,
     site: String,
@@ -75,7 +78,7 @@ impl Couriers {
             Ok(ended) => Some(ended),
             Err(error) => {
                 let detail = format!("what was delivered cannot be remembered, no thread for it: {error}");
-                telemetry.health.hold(Fault::Sink, "marks", detail);
+                telemetry.health.hold(Fault::Sink, MARKS, detail);
                 None
             }
         };

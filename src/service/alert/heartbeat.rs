@@ -10,8 +10,11 @@ use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-/// Subject of the condition of a switch that cannot be reached.
-const ABOUT: &str = "heartbeat";
+/// Subject of the condition of a switch that cannot be reached. The slash keeps it apart from every `[[sink]]`, whose ids have
+/// none.
+const ABOUT: &str = "alert/heartbeat";
+/// Name of its thread.
+const THREAD: &str = "heartbeat";
 /// Time limit of one heartbeat.
 const DEADLINE: Duration = Duration::from_secs(10);
 /// Time without progress after which the work loop counts as dead.
@@ -38,17 +41,18 @@ impl Heartbeat {
                 match sign(&own, &name, &told) {
                     None => {}
                     Some(Ok(())) => told.health.over(Fault::Sink, ABOUT),
-                    Some(Err(failure)) => told
-                        .health
-                        .hold(Fault::Sink, ABOUT, format!("{ABOUT}: {failure}")),
+                    Some(Err(failure)) => {
+                        told.health
+                            .hold(Fault::Sink, ABOUT, format!("{THREAD}: {failure}"))
+                    }
                 }
             }
         };
-        let spawned = thread::Builder::new().name(ABOUT.to_owned()).spawn(work);
+        let spawned = thread::Builder::new().name(THREAD.to_owned()).spawn(work);
         if let Err(error) = spawned {
             telemetry
                 .health
-                .hold(Fault::Sink, ABOUT, format!("{ABOUT}: no thread for it: {error}"));
+                .hold(Fault::Sink, ABOUT, format!("{THREAD}: no thread for it: {error}"));
             return None;
         }
         Some(Self {

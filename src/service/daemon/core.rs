@@ -156,6 +156,18 @@ impl Core {
         Ok(())
     }
 
+    /// Records at a clean end up to when a daemon was at work: an outage begins there.
+    ///
+    /// # Errors
+    /// The store refuses.
+    pub fn end(&mut self) -> Result<(), StoreError> {
+        let stretch = self.vigil.last_stretch();
+        match &mut self.site {
+            Some(site) => site.watch(&[], stretch),
+            None => Ok(()),
+        }
+    }
+
     /// Reports a panic outside the analysis.
     pub fn lost(&mut self, panic: &str) {
         self.health.fault(

@@ -58,6 +58,11 @@ pub fn run(
         broken: None,
     };
     driver::run(input, limits, |job| workers.work(job), &mut taker);
+    if taker.broken.is_none()
+        && let Err(error) = taker.core.end()
+    {
+        tracing::warn!("the end of the daemon's work is not in the store: {error}");
+    }
     match taker.broken {
         // The core stopped on request: data not stored are read again.
         None | Some(CoreError::Stopping) => Ok(()),

@@ -139,6 +139,12 @@ impl Vigil {
         (is_due || !self.unkept.is_empty()).then(|| (self.unkept.clone(), self.clock.stretch()))
     }
 
+    /// Stretch of work up to now, for the store at a clean end.
+    pub fn last_stretch(&mut self) -> Stretch {
+        self.clock.look(clock::now(), Instant::now());
+        self.clock.stretch()
+    }
+
     /// Records that the store has so many notices, and the mark that a daemon is working.
     pub fn kept(&mut self, notices: usize) {
         self.unkept.drain(..notices.min(self.unkept.len()));

@@ -23,8 +23,10 @@ use std::time::{Duration, Instant};
 use std::{io, thread};
 use tokio::sync::{Notify, watch};
 
-/// Id of this sink, in conditions, metrics and the store.
-pub const SINK: &str = "forward";
+/// Id of this sink, in conditions, metrics and the store. The slash keeps it apart from every `[[sink]]`, whose ids have none.
+pub const SINK: &str = "copy/forward";
+/// Name of its thread.
+const THREAD: &str = "forward";
 
 /// Interval at which the store is checked without notification.
 const LOOK: Duration = Duration::from_secs(5);
@@ -79,7 +81,7 @@ impl Forwarder {
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()?;
-        thread::Builder::new().name(SINK.to_owned()).spawn(move || {
+        thread::Builder::new().name(THREAD.to_owned()).spawn(move || {
             runtime.block_on(worker.run());
             drop(ending);
         })?;

@@ -2,7 +2,7 @@
 
 use super::StoreError;
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// Lock for writing a store. The operating system releases it when the process ends, however it ends; the
@@ -29,15 +29,7 @@ impl Lock {
             .map_err(io)?;
         match file.try_lock() {
             Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                let mut text = String::new();
-                // A holder that has not written its id yet is a holder all the same.
-                let _ = file.read_to_string(&mut text);
-                return Err(StoreError::Held {
-                    path: path.to_owned(),
-                    pid: text.trim().parse().ok(),
-                });
-            }
+            Err(TryLockError::WouldBlock) => return Err(held_by(&mut file, path)),
             Err(TryLockError::Error(source)) => return Err(io(source)),
         }
         file.set_len(0).map_err(io)?;
@@ -45,6 +37,36 @@ impl Lock {
         writeln!(file, "{}", std::process::id()).map_err(io)?;
         file.flush().map_err(io)?;
         Ok(Self { file })
+    }
+}
+
+/// Error that names the process which writes the store at `path`; `None` if none does. Unlike [`Lock::take`] it creates no
+/// file and writes into none: a copy that is only read stays without a lock.
+pub(super) fn holder(path: &Path) -> Result<Option<StoreError>, StoreError> {
+    let beside = beside(path, ".lock");
+    let io = |source| StoreError::Io {
+        path: beside.clone(),
+        source,
+    };
+    let mut file = match File::open(&beside) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        file => file.map_err(io)?,
+    };
+    match file.try_lock_shared() {
+        Ok(()) => file.unlock().map(|()| None).map_err(io),
+        Err(TryLockError::WouldBlock) => Ok(Some(held_by(&mut file, path))),
+        Err(TryLockError::Error(source)) => Err(io(source)),
+    }
+}
+
+/// Error that names the holder of a locked file.
+fn held_by(file: &mut File, path: &Path) -> StoreError {
+    let mut text = String::new();
+    // A holder that has not written its id yet is a holder all the same.
+    let _ = file.read_to_string(&mut text);
+    StoreError::Held {
+        path: path.to_owned(),
+        pid: text.trim().parse().ok(),
     }
 }
 

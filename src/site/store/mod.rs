@@ -40,7 +40,7 @@ pub use kinds::ColumnKind;
 pub use open::Durability;
 pub use operation::{Carry, FileMark, FileState, News};
 pub use page::{Line, Lines, Mark, Modes, Point, Sampling};
-pub use read::{Filter, Listing, Reader, Standing};
+pub use read::{Filter, Listing, Reader, Refusals, Standing, WithoutLine};
 pub use request::{Asked, Request};
 pub use resonance::{FoundRow, Made};
 pub use snapshot::{SnapshotRow, Snapshots};
@@ -233,12 +233,15 @@ impl Store {
     }
 
     /// Applies at once the waiting acknowledgements that come before any other request of their rod; returns
-    /// the number of requests that still wait. `states` are those of [`Store::states`].
+    /// the numbers of those applied and of the requests that still wait. `states` are those of [`Store::states`].
     ///
     /// # Errors
     /// They cannot be read or written.
-    pub fn acknowledge_waiting(&mut self, states: &mut BTreeMap<RodId, State>) -> Result<usize, StoreError> {
-        let mut still = 0;
+    pub fn acknowledge_waiting(
+        &mut self,
+        states: &mut BTreeMap<RodId, State>,
+    ) -> Result<(usize, usize), StoreError> {
+        let (mut applied, mut still) = (0, 0);
         for (rod, state) in states.iter_mut() {
             let mut requests = self.reader.waiting(rod)?.into_iter().peekable();
             while let Some(Request {
@@ -262,10 +265,39 @@ impl Store {
                     applied: Some(number),
                     ..Commit::default()
                 })?;
+                applied += 1;
             }
             still += requests.count();
         }
-        Ok(still)
+        Ok((applied, still))
+    }
+
+    /// Ends the conditions of the alarms of a rod that is no longer configured, as no fold will; those that wait to be
+    /// acknowledged stay until they are.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn retire(&mut self, state: &mut State) -> Result<(), StoreError> {
+        let told = state.alarms.iter().map(|alarm| alarm.told).max();
+        let Some(time) = told.map(|told| state.latest.map_or(told, |latest| latest.max(told))) else {
+            return Ok(());
+        };
+        let mut board = Board::new(&state.rod, state.segment.number, &mut state.alarms);
+        board.clear_all(time);
+        let events = board.into_events();
+        if events.is_empty() {
+            return Ok(());
+        }
+        let stands = state::standing_without_plan(state);
+        self.commit(&Commit {
+            rod: Some(RodRow {
+                state,
+                stands: &stands,
+                closed: &[],
+                events: &events,
+            }),
+            ..Commit::default()
+        })
     }
 
     /// Appends a request to the queue; returns its number.
@@ -292,19 +324,13 @@ fn write_config(connection: &Connection, hash: &str, site: &str, effective: &str
 /// True if a process writes the store at `path`; `None` if that is unknown.
 pub fn is_held(path: &Path) -> Option<bool> {
     let path = std::fs::canonicalize(path).ok()?;
-    match Lock::take(&path) {
-        Ok(_) => Some(false),
-        Err(StoreError::Held { .. }) => Some(true),
-        Err(_) => None,
-    }
+    lock::holder(&path).ok().map(|holder| holder.is_some())
 }
 
 /// Error if another process writes the store at `path`, so that it cannot be written now.
 pub fn held(path: &Path) -> Option<StoreError> {
     let path = std::fs::canonicalize(path).ok()?;
-    Lock::take(&path)
-        .err()
-        .filter(|error| matches!(error, StoreError::Held { .. }))
+    lock::holder(&path).ok().flatten()
 }
 
 /// Appends requests to a store that another process writes; returns their numbers.

@@ -139,13 +139,32 @@ fn open_of_others(path: &Path, flags: OpenFlags) -> Result<(Connection, PathBuf)
     }
 }
 
-/// Stands in for the tables that a store of an older format lacks: empty ones, for this connection alone.
+/// View of the periods of an older format with the columns of now.
+pub(super) const LISTED_PERIODS: &str = "listed_period";
+
+/// Stands in for the tables that a store of an older format lacks, with empty ones, and for the columns that its periods lack,
+/// with NULL; for this connection alone.
 fn stand_in(connection: &Connection) -> rusqlite::Result<()> {
     let definitions = in_memory().and_then(|fresh| schema::definitions(&fresh))?;
     for (name, sql) in definitions {
         if schema::TABLES.contains(&name.as_str()) && !schema::has(connection, &name)? {
             connection.execute_batch(&sql.replacen("CREATE TABLE", "CREATE TEMP TABLE", 1))?;
         }
+    }
+    let columns = |connection: &Connection| -> rusqlite::Result<Vec<String>> {
+        let mut statement = connection.prepare("SELECT name FROM pragma_table_info('period')")?;
+        statement.query_map((), |row| row.get(0))?.collect()
+    };
+    let (here, now) = (columns(connection)?, columns(&in_memory()?)?);
+    let missing: String = now
+        .iter()
+        .filter(|name| !here.contains(name))
+        .map(|name| format!(", NULL AS {name}"))
+        .collect();
+    if !missing.is_empty() {
+        let sql =
+            format!("CREATE TEMP VIEW {LISTED_PERIODS} AS SELECT main.period.*{missing} FROM main.period");
+        connection.execute_batch(&sql)?;
     }
     Ok(())
 }

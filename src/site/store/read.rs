@@ -337,6 +337,7 @@ impl Reader {
     pub fn columns(&self, listing: Listing) -> Result<Vec<String>, StoreError> {
         let names = || -> rusqlite::Result<Vec<String>> {
             let (sql, _) = listing.sql(&Filter::default(), self.orders()?);
+            let sql = self.of_now(listing, sql)?;
             let statement = self.connection.prepare(&sql)?;
             Ok(statement.column_names().map(str::to_owned).collect())
         };
@@ -359,6 +360,7 @@ impl Reader {
         }
         let names = self.columns(listing)?;
         let (sql, values) = listing.sql(filter, self.orders().map_err(fault)?);
+        let sql = self.of_now(listing, sql).map_err(fault)?;
         let mut statement = self.connection.prepare(&sql).map_err(fault)?;
         let mut rows = statement
             .query(rusqlite::params_from_iter(values))
@@ -371,6 +373,20 @@ impl Reader {
             on_row(&names, &values)?;
         }
         Ok(())
+    }
+
+    /// Listing of a store of an older format, whose periods lack columns.
+    fn of_now(&self, listing: Listing, sql: String) -> rusqlite::Result<String> {
+        let stands_in = matches!(listing, Listing::Periods)
+            && self
+                .connection
+                .prepare_cached("SELECT 1 FROM temp.sqlite_master WHERE name = ?")?
+                .exists([super::open::LISTED_PERIODS])?;
+        Ok(if stands_in {
+            sql.replacen("FROM period", &format!("FROM {}", super::open::LISTED_PERIODS), 1)
+        } else {
+            sql
+        })
     }
 
     /// Highest mode order of any record.
@@ -464,6 +480,73 @@ impl Reader {
         Ok((counted.0.unsigned_abs(), counted.1.unsigned_abs()))
     }
 
+    /// Numbers of the records selected whose lines were removed.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn without_line(&self, filter: &Filter) -> Result<WithoutLine, StoreError> {
+        let (wanted, values) = filter.sql("start_ns");
+        let sql = format!(
+            "SELECT count(*), count(rejection),
+                count(CASE WHEN rejection IS NULL AND set_aside IS NULL THEN 1 END)
+             FROM record WHERE {wanted} AND NOT EXISTS (SELECT 1 FROM line WHERE line.record = record.id)"
+        );
+        let counted = || -> rusqlite::Result<[i64; 3]> {
+            let mut statement = self.connection.prepare_cached(&sql)?;
+            statement.query_row(rusqlite::params_from_iter(values), |row| {
+                Ok([row.get(0)?, row.get(1)?, row.get(2)?])
+            })
+        };
+        let counted = counted().map_err(|error| self.fault(Failure::Sql(error)))?;
+        let [records, refused, used] = counted.map(i64::unsigned_abs);
+        Ok(WithoutLine {
+            records,
+            refused,
+            used,
+        })
+    }
+
+    /// Refused records of a rod by reason, in the order of the reasons' codes.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn refusals(&self, rod: &RodId) -> Result<Vec<Refusals>, StoreError> {
+        let read = || -> rusqlite::Result<Vec<Refusals>> {
+            let mut statement = self.connection.prepare_cached(
+                "SELECT rejection, count(*), max(start_ns),
+                    (SELECT rejection_message FROM record AS last WHERE last.rod = ?1 AND last.rejection = record.rejection
+                     ORDER BY start_ns DESC, id DESC LIMIT 1)
+                 FROM record WHERE rod = ?1 AND rejection IS NOT NULL GROUP BY rejection ORDER BY rejection",
+            )?;
+            let rows = statement.query_map([&rod.0], |row| {
+                let (count, last_ns, message): (i64, Option<i64>, Option<String>) =
+                    (row.get(1)?, row.get(2)?, row.get(3)?);
+                Ok(Refusals {
+                    code: row.get(0)?,
+                    count: count.unsigned_abs(),
+                    last: last_ns.map(Timestamp::from_nanos),
+                    message: message.unwrap_or_default(),
+                })
+            })?;
+            rows.collect()
+        };
+        read().map_err(|error| self.fault(Failure::Sql(error)))
+    }
+
+    /// Configurations and versions of the analysis of a rod's records.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn meanings(&self, rod: &RodId) -> Result<Vec<(String, Option<u32>)>, StoreError> {
+        let read = || -> rusqlite::Result<Vec<(String, Option<u32>)>> {
+            let sql = "SELECT DISTINCT config, analysis_version FROM record WHERE rod = ? ORDER BY 1, 2";
+            let mut statement = self.connection.prepare_cached(sql)?;
+            let rows = statement.query_map([&rod.0], |row| Ok((row.get(0)?, row.get(1)?)))?;
+            rows.collect()
+        };
+        read().map_err(|error| self.fault(Failure::Sql(error)))
+    }
+
     fn standing_alarms(&self, rod: &str) -> Result<Vec<Alarm>, Failure> {
         let mut statement = self
             .connection
@@ -476,6 +559,30 @@ impl Reader {
         }
         Ok(alarms)
     }
+}
+
+/// Numbers of records whose lines were removed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WithoutLine {
+    /// All of them.
+    pub records: u64,
+    /// Those refused.
+    pub refused: u64,
+    /// Those that count.
+    pub used: u64,
+}
+
+/// Refused records of one reason.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Refusals {
+    /// Code of the reason.
+    pub code: String,
+    /// Number of records.
+    pub count: u64,
+    /// Start of the latest, if known.
+    pub last: Option<Timestamp>,
+    /// Message of the latest.
+    pub message: String,
 }
 
 impl Filter {

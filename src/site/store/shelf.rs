@@ -10,6 +10,11 @@ use rusqlite::{Connection, OptionalExtension, TransactionBehavior};
 /// Number of states kept per rod, the latest ones.
 const MOST: i64 = 8;
 
+/// Condition of a shelved state that may go on: no later segment was opened on request, or because the clock had jumped. What
+/// was learned before work on the rod is never compared with what comes after it.
+const VALID: &str = "segment >= (SELECT coalesce(max(number), 0) FROM segment
+    WHERE segment.rod = shelf.rod AND reason IN ('requested', 'clock'))";
+
 impl Store {
     /// Shelves a state, for settings that may come back.
     ///
@@ -40,7 +45,7 @@ impl Store {
 }
 
 impl Reader {
-    /// Segments of a rod whose states are shelved, with the keys of their settings.
+    /// Segments of a rod whose states are shelved and may go on, with the keys of their settings.
     ///
     /// # Errors
     /// They cannot be read.
@@ -50,15 +55,15 @@ impl Reader {
             if !schema::has(&self.connection, "shelf")? {
                 return Ok(Vec::new());
             }
-            let sql = "SELECT segment, key FROM shelf WHERE rod = ? ORDER BY segment";
-            let mut statement = self.connection.prepare_cached(sql)?;
+            let sql = format!("SELECT segment, key FROM shelf WHERE rod = ? AND {VALID} ORDER BY segment");
+            let mut statement = self.connection.prepare_cached(&sql)?;
             let rows = statement.query_map([&rod.0], |row| Ok((row.get(0)?, row.get(1)?)))?;
             rows.collect()
         };
         read().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// State of a rod under earlier settings, with the periods of its segment.
+    /// State of a rod under earlier settings, with the periods of its segment; none from before a requested baseline.
     ///
     /// # Errors
     /// It cannot be read, or not be understood.
@@ -66,7 +71,9 @@ impl Reader {
         let read = || -> Result<Option<State>, Failure> {
             let json: Option<String> = self
                 .connection
-                .prepare_cached("SELECT json FROM shelf WHERE rod = ? AND key = ?")?
+                .prepare_cached(&format!(
+                    "SELECT json FROM shelf WHERE rod = ? AND key = ? AND {VALID} ORDER BY segment DESC LIMIT 1"
+                ))?
                 .query_row((&rod.0, key), |row| row.get(0))
                 .optional()?;
             let Some(json) = json else { return Ok(None) };

@@ -82,7 +82,8 @@ impl Reader {
             };
             Ok(Snapshots {
                 first: one(
-                    "SELECT json FROM snapshot WHERE rod = ? AND number > 0 ORDER BY number DESC LIMIT 1",
+                    "SELECT json FROM snapshot WHERE rod = ?1 AND number > 0
+                     AND number = coalesce((SELECT segment FROM rod WHERE rod = ?1), number) ORDER BY number DESC LIMIT 1",
                 )?,
                 latest: one("SELECT json FROM snapshot WHERE rod = ? AND number = 0")?,
                 refused: one("SELECT json FROM snapshot WHERE rod = ? AND number = -1")?,

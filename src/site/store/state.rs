@@ -6,7 +6,7 @@ use super::row::Row;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::drift::watch::DriftWatch;
 use crate::analysis::track::fold::packed::{Packed, Receipt};
-use crate::analysis::track::{Alarm, Kind, Period, RodState, Segment, State};
+use crate::analysis::track::{Period, RodState, Segment, State};
 use rusqlite::{Connection, OptionalExtension};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -295,33 +295,13 @@ pub(super) fn time(text: &str) -> Result<Timestamp, StoreError> {
     })
 }
 
-/// Status of a rod by its state alone, for changes while no fold runs: the fold updates it with the rod's
-/// next record.
+/// Status of a rod by its state alone, for changes while no fold runs. The settings are not known here: a baseline that was
+/// learned has its records, and learning is over if the last period was charted.
 pub(super) fn standing_without_plan(state: &State) -> RodState {
-    let of_measurement = |alarm: &&Alarm| matches!(alarm.kind, Kind::Sensor | Kind::NoData);
-    if state.alarms.iter().any(|alarm| !of_measurement(&alarm)) {
-        return RodState::Alarm;
-    }
-    if let Some(alarm) = state.alarms.first() {
-        return RodState::NotMonitoring {
-            reason: alarm.message.clone(),
-        };
-    }
-    let periods = state.watch.get().map_or(0, |watch| watch.periods());
-    if periods > 0
-        && state
-            .periods
-            .last()
-            .is_some_and(|period| period.charted.is_some())
-    {
-        return RodState::Monitoring;
-    }
-    RodState::Learning {
-        records: state
-            .segment
-            .baseline
-            .as_ref()
-            .map_or(state.learning.len(), |baseline| baseline.records),
-        periods,
-    }
+    let records = state.segment.baseline.as_ref().map_or(0, |b| b.records);
+    let has_learned = state
+        .periods
+        .last()
+        .is_some_and(|period| period.charted.is_some());
+    state.standing(records, if has_learned { 0 } else { usize::MAX })
 }

@@ -438,3 +438,49 @@ fn the_last_words_are_out_before_the_daemon_ends() {
     assert!(begun.elapsed() < Duration::from_secs(8), "{:?}", begun.elapsed());
     couriers.stop();
 }
+
+#[test]
+fn the_position_of_the_copy_to_a_centre_is_no_sinks_mark() {
+    let desk = Desk::new();
+    let stands = desk.raise(0);
+    // As a program that copies to a centre noted the number of its last commit once.
+    desk.reports.send(("forward".to_owned(), 57)).unwrap();
+    eventually("it is noted", || desk.delivered("forward") == Some(57));
+    let fake = Fake::new(&[]);
+    let sinks = sinks(&hook(&fake.url()).replace("\"hook\"", "\"forward\""));
+    let couriers = desk.start(&sinks);
+    eventually("it is known from here on", || {
+        desk.delivered("forward") == Some(1)
+    });
+    let next = desk.raise(1);
+    couriers.wake();
+    eventually("the next is marked", || desk.delivered("forward") == Some(2));
+    couriers.stop();
+    let expected = [Message::standing(SITE, &stands).id, id("raised", &next)];
+    assert_eq!(field(&fake.bodies(), "id"), expected);
+    assert!(tirante::service::forward::SINK.contains('/'), "an id of a sink");
+}
+
+#[test]
+fn a_dead_switch_and_a_sink_of_its_name_have_conditions_of_their_own() {
+    let desk = Desk::new();
+    let fake = Fake::new(&[]);
+    let text = hook(&fake.url()).replace("\"hook\"", "\"heartbeat\"");
+    let dead = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let config = config_text(&format!(
+        "{text}\n[alert.heartbeat]\nurl = \"http://{dead}/\"\nevery_min = 0.01\n"
+    ));
+    let config = tirante::config::Config::parse(&config, "test").unwrap();
+    let mut couriers = desk.start(&config.sinks);
+    couriers.watch(&config.alert, SITE);
+    eventually("the switch is dead", || {
+        desk.condition("alert/heartbeat").is_some()
+    });
+    // The sink works, which says nothing about the switch.
+    desk.raise(0);
+    couriers.wake();
+    eventually("the sink has it", || desk.delivered("heartbeat") == Some(1));
+    assert!(desk.condition("alert/heartbeat").is_some());
+    assert_eq!(desk.condition("heartbeat"), None);
+    couriers.stop();
+}

@@ -2,6 +2,7 @@
 
 use super::early::EarlyWatch;
 use super::packed::Packed;
+use super::verdict::RodState;
 use crate::signal::record::{Reading, RodId, Timestamp};
 use crate::track::alarm::{Alarm, Cause, Kind, Watches};
 use crate::track::baseline::Baseline;
@@ -195,6 +196,40 @@ impl State {
         self.latest = self.latest.max(now.latest);
         self.opened = now.opened.max(now.segment.number);
         self
+    }
+
+    /// State of the rod, with the numbers of records of a baseline and of periods to learn.
+    pub fn standing(&self, baseline_records: usize, learning_periods: usize) -> RodState {
+        let measurement = |kind: Kind| matches!(kind, Kind::Sensor | Kind::NoData);
+        if self.alarms.iter().any(|alarm| !measurement(alarm.kind)) {
+            return RodState::Alarm;
+        }
+        let not_monitoring = |reason: &str| RodState::NotMonitoring {
+            reason: reason.to_owned(),
+        };
+        if let Some(alarm) = self.alarms.first() {
+            return not_monitoring(&alarm.message);
+        }
+        let learning = |records, periods| RodState::Learning { records, periods };
+        if self.segment.baseline.is_none() {
+            return match &self.segment.fault {
+                Some(fault) => not_monitoring(&format!("no baseline: {fault}")),
+                None => learning(self.learning.len(), 0),
+            };
+        }
+        match self.watch.get() {
+            None => learning(baseline_records, 0),
+            Some(watch) if watch.periods() < learning_periods => learning(baseline_records, watch.periods()),
+            Some(watch) if watch.is_compensated() => RodState::Monitoring,
+            Some(watch) => {
+                let time = self.latest.map_or(0.0, Timestamp::days);
+                let least = watch.least_told_blind(time).unwrap_or(1.0);
+                not_monitoring(&format!(
+                    "uncompensated: no temperature, so only sudden changes of force above about {:.0} % are told",
+                    100.0 * least
+                ))
+            }
+        }
     }
 
     /// True if the drift watch has seen this many periods: limits apply from then on.

@@ -228,40 +228,9 @@ impl Tracker {
 
     /// State of the rod.
     pub fn rod_state(&self) -> RodState {
-        let state = &self.state;
-        let measurement = |kind: Kind| matches!(kind, Kind::Sensor | Kind::NoData);
-        if state.alarms.iter().any(|alarm| !measurement(alarm.kind)) {
-            return RodState::Alarm;
-        }
-        let not_monitoring = |reason: &str| RodState::NotMonitoring {
-            reason: reason.to_owned(),
-        };
-        if let Some(alarm) = state.alarms.first() {
-            return not_monitoring(&alarm.message);
-        }
-        let learning = |records, periods| RodState::Learning { records, periods };
-        if state.segment.baseline.is_none() {
-            return match &state.segment.fault {
-                Some(fault) => not_monitoring(&format!("no baseline: {fault}")),
-                None => learning(state.learning.len(), 0),
-            };
-        }
         let track = &self.plan.track;
-        match state.watch.get() {
-            None => learning(track.baseline_records, 0),
-            Some(watch) if watch.periods() < track.learning_periods => {
-                learning(track.baseline_records, watch.periods())
-            }
-            Some(watch) if watch.is_compensated() => RodState::Monitoring,
-            Some(watch) => {
-                let time = state.latest.map_or(0.0, Timestamp::days);
-                let least = watch.least_told_blind(time).unwrap_or(1.0);
-                not_monitoring(&format!(
-                    "uncompensated: no temperature, so only sudden changes of force above about {:.0} % are told",
-                    100.0 * least
-                ))
-            }
-        }
+        self.state
+            .standing(track.baseline_records, track.learning_periods)
     }
 
     /// Begins the next segment: the conditions of all alarms end at `time`.

@@ -83,7 +83,7 @@ export function frequencies(plot, answer, axis) {
 export function thermal(plot, rod, history, alarms) {
   const force = history.tracked_force_n.mean, { temperature_c: t, relative_force: ratio } = history;
   // The relation is that of the present baseline.
-  const learned = rod.segments?.at(-1)?.baseline?.[0];
+  const learned = rod.segments?.find((segment) => segment.number === rod.segment)?.baseline?.[0];
   const counts = (i) => force[i] !== null && t[i] !== null && !history.set_aside[i] && learned && Date.parse(history.time[i]) >= Date.parse(learned);
   const there = force.map((_, i) => i).filter(counts);
   if (there.length < 2 || !rod.thermal || rod.reference_temperature_c === null) return false;

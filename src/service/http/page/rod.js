@@ -156,7 +156,7 @@ function drawFacts() {
   const fact = (name, ...children) => el("div", {}, el("dt", {}, name), el("dd", {}, ...children));
   const mark = rod.compensated || !rod.relative_force ? "" : "~";
   const rejected = rod.records ? 100 * rod.rejected / rod.records : 0;
-  const segment = rod.segments.at(-1), record = look.record;
+  const segment = rod.segments.find((one) => one.number === rod.segment), record = look.record;
   const own = record?.temperature_c ?? null;
   const at = isAlone(rod) || !rod.compensated ? (own === null ? ", temperature not measured" : ` at ${degrees(own)}`) : ` ${figures.atReference(rod)}`;
   const small = (...words) => el("small", {}, ...words);

@@ -663,7 +663,7 @@ fn a_list_that_ends_where_lines_were_removed_says_so() {
         .unwrap();
     let tenth = lines.found.last().unwrap().mark;
     let before = Timestamp::from_nanos(tenth.start_ns);
-    // What a copy does not have yet stays.
+    // Lines that a copy does not have yet stay.
     store.forget_lines(&rod, None, before, Some(1)).unwrap();
     assert_eq!(listed(&store, false, 100), (40, false, false));
     store.forget_lines(&rod, None, before, None).unwrap();

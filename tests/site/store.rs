@@ -547,7 +547,7 @@ fn a_state_from_before_a_requested_baseline_does_not_come_back() {
         keep(&mut store, &third, &RodState::Monitoring);
         assert_eq!(found(&store, "K"), None, "{opening:?}");
         assert_eq!(store.shelved(&rod).unwrap(), []);
-        // What was learned after it does.
+        // A baseline learned after it does.
         store.shelve(&third).unwrap();
         keep(
             &mut store,

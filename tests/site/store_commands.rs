@@ -321,7 +321,7 @@ fn records_without_their_lines_are_counted_all_the_same() {
     assert!(before.1[0].last.is_some());
     Store::open(&path, Durability::Replay)
         .unwrap()
-        .forget_lines(&rod, None, hour(30))
+        .forget_lines(&rod, None, hour(30), None)
         .unwrap();
     let gone = reader.without_line(&Filter::default()).unwrap();
     assert_eq!((gone.records, gone.refused, gone.used), (15, 3, 12));

@@ -138,7 +138,7 @@ impl<'a> Session<'a> {
             return Ok(());
         };
         let header = |name: &'static str| last.headers.get(name).map(HeaderValue::as_str);
-        // What has no label, or a content that cannot be read, says nothing of the commits before it: the centre parks it, and this
+        // A message without a label, or of a content that cannot be read, says nothing of the commits before it: the centre parks it, and this
         // store is sent again from its beginning. What the centre has is recognised there by its number.
         let label = Label::read(header)
             .and_then(|label| message::decode(&label, &last.payload).map(|_| label))

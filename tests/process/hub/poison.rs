@@ -108,7 +108,7 @@ fn what_one_site_forges_stops_no_other() {
         raw.publish(headers, payload);
         count += 1;
     };
-    // What a client of NATS may not parse, and dies of.
+    // Headers that a client of NATS may not parse, and dies of.
     send(b"NATS/1.0\r\nA: \xff\xfe\r\n\r\n", b"");
     send(b"NATS/1.0\r\nA b: c\r\n\r\n", b"x");
     send(b"NATS/1.0\r\nA: b\rc\r\n\r\n", b"x");
@@ -116,7 +116,7 @@ fn what_one_site_forges_stops_no_other() {
     send(b"NATS/1.0 409 Consumer Deleted\r\n\r\n", b"");
     send(b"NATS/1.0 404 No Messages\r\n\r\n", b"");
     send(b"NATS/1.0\r\n\r\n", b"");
-    // What a database may not take.
+    // Contents that a database may not take.
     let text = |text: &str| Value::Text(text.to_owned());
     let row = |table: &str, values: Vec<Value>| ChangedRow {
         table: table.to_owned(),

@@ -297,7 +297,10 @@ fn numbers_beyond_all_bounds_are_drawn_or_left_out() {
 #[test]
 fn force_now_is_that_of_a_record_that_counts_and_of_the_present_baseline() {
     let cells = |rod: RodReport| {
-        let html = page(&site(vec![rod]));
+        let html = page(&SiteReport {
+            rods: vec![rod],
+            ..site()
+        });
         let row = html.split("href=\"#rod1\"").nth(1).unwrap();
         row.split("</tr>").next().unwrap().to_owned()
     };

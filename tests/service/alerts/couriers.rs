@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use tirante::analysis::track::{Kind, What};
 use tirante::config::settings::alert::{AlertSettings, SinkSettings};
 use tirante::service::alert::Message;
-use tirante::service::telemetry::Fault;
+use tirante::service::telemetry::{Fault, Phase};
 
 fn hook(url: &str) -> String {
     format!("\n[[sink]]\nid = \"hook\"\nkind = \"webhook\"\nurl = \"{url}\"\n")
@@ -471,6 +471,7 @@ fn a_dead_switch_and_a_sink_of_its_name_have_conditions_of_their_own() {
         "{text}\n[alert.heartbeat]\nurl = \"http://{dead}/\"\nevery_min = 0.01\n"
     ));
     let config = tirante::config::Config::parse(&config, "test").unwrap();
+    desk.telemetry.enter(Phase::Serving);
     let mut couriers = desk.start(&config.sinks);
     couriers.watch(&config.alert, SITE);
     eventually("the switch is dead", || {

@@ -162,8 +162,7 @@ fn stand_in(connection: &Connection) -> rusqlite::Result<()> {
         .map(|name| format!(", NULL AS {name}"))
         .collect();
     if !missing.is_empty() {
-        let sql =
-            format!("CREATE TEMP VIEW {LISTED_PERIODS} AS SELECT main.period.*{missing} FROM main.period");
+        let sql = format!("CREATE TEMP VIEW {LISTED_PERIODS} AS SELECT *{missing} FROM main.period");
         connection.execute_batch(&sql)?;
     }
     Ok(())

@@ -370,12 +370,12 @@ impl Fleet {
         (reader.epoch().unwrap().unwrap(), reader.latest_change().unwrap())
     }
 
-    /// A record of a site's store, as it is sent.
-    pub fn first_record(&self, place: usize) -> ChangedRow {
+    /// Latest of the first hundred changes of a site's records, as it is sent.
+    pub fn latest_record(&self, place: usize) -> ChangedRow {
         let reader = Reader::open(&self.edges[place].site.path("site.db")).unwrap();
         let changes = reader.changes_after(0, 100).unwrap();
-        let rows = changes.into_iter().flat_map(|change| change.rows);
-        rows.filter(|row| row.table == "record").last().unwrap()
+        let mut rows = changes.into_iter().flat_map(|change| change.rows);
+        rows.rfind(|row| row.table == "record").unwrap()
     }
 
     /// Sends a signal to every process of the database.

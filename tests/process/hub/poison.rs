@@ -131,7 +131,7 @@ fn what_one_site_forges_stops_no_other() {
         .collect();
     send(&label, &commit(vec![row(FORGOTTEN, vec![text(&long)])]));
     // A record with a right checksum whose rod is too long for an index of PostgreSQL, and for nothing else.
-    let mut record = fleet.first_record(0);
+    let mut record = fleet.latest_record(0);
     let rod = record
         .values
         .iter_mut()

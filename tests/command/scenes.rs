@@ -25,7 +25,7 @@ const FOLDERS: [(&str, &str); 8] = [
 ];
 /// Keys of a daemon that wants certificates.
 const TLS: &str = "[ingest.tls]\ncertificate = \"tower.pem\"\nkey = \"tower.key\"\nclient_ca = \"ca.pem\"\n";
-const NATS: &str = "listen: \"127.0.0.1:4222\"\nhttp: \"127.0.0.1:8222\"\njetstream { store_dir: \"jetstream\", sync_interval: always }\n";
+const NATS: &str = "listen: \"127.0.0.1:4222\"\nhttp: \"127.0.0.1:8222\"\njetstream { store_dir: \"jetstream\", sync_interval: always, max_file_store: 64GB }\n";
 const SITES: [&str; 4] = ["badia", "duomo", "gubbio", "todi"];
 
 /// An archive of four sites, planned, with the result of every task.

@@ -9,7 +9,8 @@ use crate::config::HubConfig;
 use crate::config::settings::forward::HUB;
 use crate::service::forward::link::{Link, LinkError};
 use crate::service::forward::message::{LEAST_MESSAGE, OUT, STREAM};
-use async_nats::jetstream::context::GetStreamErrorKind;
+use async_nats::jetstream::ErrorCode;
+use async_nats::jetstream::context::{CreateStreamErrorKind, GetStreamErrorKind};
 use async_nats::jetstream::stream::{
     Config, DiscardPolicy, PersistenceMode, RetentionPolicy, StorageType, Stream,
 };
@@ -29,8 +30,8 @@ const WAIT: Duration = Duration::from_millis(50);
 const NO_MESSAGE: u64 = 10_037;
 /// Age at which a stream that the hub creates drops messages.
 const KEPT: Duration = Duration::from_secs(90 * 86_400);
-/// Largest stream that the hub creates \[bytes\].
-const STREAM_BYTES: i64 = 16 << 30;
+/// Largest and smallest stream that the hub creates \[bytes\]; the server sets aside what a stream may hold.
+const STREAM_BYTES: (i64, i64) = (16 << 30, 1 << 30);
 /// Most bytes kept of a header's value: no label is longer.
 const HEADER: usize = 200;
 /// Most bytes kept of all headers.
@@ -118,10 +119,7 @@ impl Feed {
         let stream = match link.jetstream.get_stream(STREAM).await {
             Ok(stream) => stream,
             Err(error) if matches!(error.kind(), GetStreamErrorKind::JetStream(_)) && config.is_creating => {
-                link.jetstream
-                    .create_stream(wanted())
-                    .await
-                    .map_err(|error| link.failed(&format!("creating the stream {STREAM}"), &error))?
+                created(&link, &url).await?
             }
             Err(error) => return Err(link.failed(&format!("the stream {STREAM}"), &error)),
         };
@@ -250,7 +248,34 @@ pub fn number(message: &Incoming) -> u64 {
     u64::try_from(message.sequence).unwrap_or(0)
 }
 
-/// The stream that the hub creates. It takes messages as large as the server does.
+/// Creates the stream as large as the server has room for.
+async fn created(link: &Link, url: &str) -> Result<Stream, LinkError> {
+    let mut config = wanted();
+    loop {
+        let gib = config.max_bytes >> 30;
+        let error = match link.jetstream.create_stream(&config).await {
+            Ok(stream) => {
+                tracing::info!("{url}: the stream {STREAM} is created: it keeps {gib} GiB");
+                return Ok(stream);
+            }
+            Err(error) => error,
+        };
+        let has_no_room = matches!(error.kind(), CreateStreamErrorKind::JetStream(ref said)
+            if said.error_code() == ErrorCode::STORAGE_RESOURCES_EXCEEDED);
+        if !has_no_room {
+            return Err(link.failed(&format!("creating the stream {STREAM}"), &error));
+        }
+        if config.max_bytes <= STREAM_BYTES.1 {
+            return Err(LinkError::Failed(format!(
+                "{url}: the server has no room for a stream of {gib} GiB: free its disk or raise max_file_store in its jetstream section"
+            )));
+        }
+        tracing::warn!("{url}: the server has no room for a stream of {gib} GiB: half of it is tried");
+        config.max_bytes /= 2;
+    }
+}
+
+/// The largest stream that the hub creates. It takes messages as large as the server does.
 fn wanted() -> Config {
     Config {
         name: STREAM.to_owned(),
@@ -259,7 +284,7 @@ fn wanted() -> Config {
         storage: StorageType::File,
         discard: DiscardPolicy::Old,
         max_age: KEPT,
-        max_bytes: STREAM_BYTES,
+        max_bytes: STREAM_BYTES.0,
         allow_direct: true,
         deny_delete: true,
         deny_purge: true,

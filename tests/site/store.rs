@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use tirante::analysis::signal::record::RodId;
 use tirante::analysis::track::fold::state::Opening;
-use tirante::analysis::track::{Alarm, Kind, RodState, State};
+use tirante::analysis::track::{Alarm, Kind, RodState, SetAside, State};
 use tirante::site::prepared::Provenance;
 use tirante::site::store::{
     Asked, Commit, Durability, Filter, Listing, Reader, RodRow, Store, StoreError, request_of_writer,
@@ -49,6 +49,41 @@ fn what_goes_in_comes_out_after_a_restart() {
     assert_eq!(store.segments(&north).unwrap(), [expected.segment]);
     assert_eq!(store.alarms(&Filter::default()).unwrap(), expected.alarms);
     assert_eq!(store.events(&north).unwrap().len(), 1);
+}
+
+#[test]
+fn a_record_that_a_wrong_clock_dated_is_not_the_latest() {
+    let mut store = Store::in_memory().unwrap();
+    fill(&mut store, 0..6);
+    let rod = RodId("north".into());
+    let mut commit = |outcome: &tirante::analysis::outcome::Outcome, set_aside: Option<SetAside>| {
+        let mut row = row(outcome);
+        row.set_aside = set_aside;
+        let record = Some(new_record(outcome, &row));
+        store
+            .commit(&Commit {
+                record,
+                ..Commit::default()
+            })
+            .unwrap();
+    };
+    // Years ahead: set aside by tracking, rejected, and the first of a rod, which tracking has to believe.
+    commit(&identified(&rod, 40_000), Some(SetAside::Clock));
+    commit(&rejected(&rod, 50_000), None);
+    commit(&identified(&rod, 60_000), None);
+    let at = |now: i64| {
+        let found = store.standings_of(Some(&rod), hour(now)).unwrap();
+        let used = found[0].latest_row().unwrap().unwrap().start;
+        (found[0].latest_start, used, found[0].ahead)
+    };
+    // North has the even hours.
+    assert_eq!(at(5), (Some(hour(4)), Some(hour(4)), 3));
+    // Without a gap they go on, before this clock or not: simulated, or the clock is wrong.
+    assert_eq!(at(-23), (Some(hour(4)), Some(hour(4)), 3));
+    assert_eq!(at(-9_000), (Some(hour(60_000)), Some(hour(60_000)), 0));
+    // The time came.
+    assert_eq!(at(50_000), (Some(hour(50_000)), Some(hour(4)), 1));
+    assert_eq!(at(60_000), (Some(hour(60_000)), Some(hour(60_000)), 0));
 }
 
 #[test]

@@ -123,6 +123,7 @@ pub fn routes() -> Router<Api> {
         .route("/api/v1/alarms", get(alarms))
         .route("/api/v1/alarms/{id}/acknowledge", post(acknowledge))
         .layer(middleware::from_fn(packed::pack))
+        .layer(middleware::map_response(problem::as_json))
         .route("/api/v1/events", get(events))
 }
 

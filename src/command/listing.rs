@@ -249,6 +249,19 @@ mod tests {
     use super::*;
 
     #[test]
+    fn names_tear_no_table() {
+        let mut table = Aligned::new(&["file", ">bytes"]);
+        table.push(vec!["x\nforged".to_owned(), "1".to_owned()]);
+        table.note("by Eve\nfake \u{1b}]0;title\u{7}".to_owned());
+        let text = table.print(false);
+        assert_eq!(text.lines().count(), 4, "{text}");
+        assert!(
+            text.contains("x\\nforged") && text.contains("by Eve fake \\u{1b}]0;title\\u{7}"),
+            "{text}"
+        );
+    }
+
+    #[test]
     fn cells_that_would_break_a_line_are_quoted() {
         assert_eq!(csv(["a", "", "1.5"]), "a,,1.5\r\n");
         assert_eq!(

@@ -52,6 +52,42 @@ fn what_goes_in_comes_out_after_a_restart() {
 }
 
 #[test]
+fn the_plot_of_a_replay_ends_with_the_last_record() {
+    let mut store = Store::in_memory().unwrap();
+    fill(&mut store, 0..60);
+    let rod = RodId("north".into());
+    let starts = |most: usize| -> Vec<_> {
+        let points = store.last_points(&rod, most).unwrap();
+        points.iter().map(|point| point.start.unwrap()).collect()
+    };
+    assert_eq!(starts(3), [54, 56, 58].map(hour));
+    assert_eq!(starts(100).len(), 30);
+    let drawn = |most: usize| tirante::command::sketch::force(&store, &rod, most, 60).unwrap();
+    assert!(drawn(10).contains("the last 10 records"), "{}", drawn(10));
+    assert!(drawn(100).contains("north: change of force") && !drawn(100).contains("the last"));
+}
+
+#[test]
+fn words_of_people_stay_on_their_line() {
+    let said = |by: &str, note: &str| match Asked::acknowledge("a", Some(by), Some(note)) {
+        Asked::Acknowledge { said, .. } => said,
+        Asked::Rebaseline { .. } => None,
+    };
+    assert_eq!(
+        said("Eve\nfake", "\u{1b}[2J x\u{202e}"),
+        Some("Eve fake: [2J x".to_owned())
+    );
+    assert_eq!(said("\n", " "), None);
+    let asked = Asked::rebaseline(Some("wedges\r\nrenewed"));
+    assert_eq!(
+        asked,
+        Asked::Rebaseline {
+            reason: Some("wedges  renewed".to_owned())
+        }
+    );
+}
+
+#[test]
 fn a_record_that_a_wrong_clock_dated_is_not_the_latest() {
     let mut store = Store::in_memory().unwrap();
     fill(&mut store, 0..6);

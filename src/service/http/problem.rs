@@ -96,7 +96,7 @@ impl IntoResponse for Problem {
 /// Longest refusal in plain text that is read \[bytes\].
 const LONGEST: usize = 16 * 1024;
 
-/// An answer of the API as all are: a refusal in plain text, such as of a query that cannot be parsed, becomes an [`Problem`].
+/// An answer of the API as all are: a refusal in plain text, such as of a query that cannot be parsed, becomes a [`Problem`].
 pub async fn as_json(answer: Response) -> Response {
     let status = answer.status();
     let kind = answer.headers().get(header::CONTENT_TYPE);

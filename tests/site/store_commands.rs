@@ -123,7 +123,7 @@ fn status_says_what_stands_and_what_is_not_compensated() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("site.db");
     let reader = filled(&path);
-    let table = status::text(&reader, None, Format::Table).unwrap();
+    let table = status::text(&reader).unwrap();
     for wanted in [
         "~-4.85 (",
         "uncompensated",
@@ -135,8 +135,17 @@ fn status_says_what_stands_and_what_is_not_compensated() {
         assert!(words.join(" ").contains(wanted), "{wanted}:\n{table}");
     }
     let north = RodId("north".into());
-    let row: Value =
-        serde_json::from_str(&status::text(&reader, Some(&north), Format::Json).unwrap()).unwrap();
+    let said = |more: &[&str]| {
+        let output = std::process::Command::new(env!("CARGO_BIN_EXE_tirante"))
+            .args(["status", "--store"])
+            .arg(&path)
+            .args(more)
+            .output()
+            .unwrap();
+        assert!(output.status.success());
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let row: Value = serde_json::from_str(&said(&["--rod", &north.0, "--format", "json"])).unwrap();
     assert_eq!(
         (&row["state"], &row["compensated"]),
         (&"alarm".into(), &false.into())
@@ -144,14 +153,17 @@ fn status_says_what_stands_and_what_is_not_compensated() {
     assert_eq!(row["since"], hour(40).to_string());
     assert_eq!(row["latest_record"], hour(48).to_string());
     assert_eq!((&row["records"], &row["rejected"]), (&25.into(), &0.into()));
-    let table = parse_csv(&status::text(&reader, None, Format::Csv).unwrap());
+    // No daemon ever worked on this store, and its configuration does not say when data are stale.
+    let unknown = [&row["monitoring"], &row["stale_after_s"]];
+    assert!(
+        unknown.iter().all(|value| value.is_null()) && row["is_stale"] == false,
+        "{row}"
+    );
+    let table = parse_csv(&said(&["--format", "csv"]));
     assert!(table.len() == 3 && table.iter().all(|row| row.len() == table[0].len()));
     let empty = folder.path().join("empty.db");
     drop(Store::open(&empty, Durability::Full).unwrap());
-    assert_eq!(
-        status::text(&Reader::open(&empty).unwrap(), None, Format::Table).unwrap(),
-        ""
-    );
+    assert_eq!(status::text(&Reader::open(&empty).unwrap()).unwrap(), "");
 }
 
 #[test]
@@ -167,7 +179,7 @@ fn acknowledging_works_beside_a_writer_and_without_one() {
         run(&["ack", "--store", store, &id]).unwrap();
         assert!(reader.alarm(&id).unwrap().unwrap().acknowledged.is_none());
         assert_eq!(reader.waiting(&north).unwrap().len(), 1);
-        let table = status::text(&reader, None, Format::Table).unwrap();
+        let table = status::text(&reader).unwrap();
         assert!(
             table.contains(&format!("waits for the next record: acknowledge {id}")),
             "{table}"

@@ -62,7 +62,7 @@ fn the_plot_of_a_replay_ends_with_the_last_record() {
     };
     assert_eq!(starts(3), [54, 56, 58].map(hour));
     assert_eq!(starts(100).len(), 30);
-    let drawn = |most: usize| tirante::command::sketch::force(&store, &rod, most, 60).unwrap();
+    let drawn = |most: usize| tirante::command::sketch::force(&store, &rod, most, 100).unwrap();
     assert!(drawn(10).contains("the last 10 records"), "{}", drawn(10));
     assert!(drawn(100).contains("north: change of force") && !drawn(100).contains("the last"));
 }

@@ -328,8 +328,12 @@ impl<'a> Shown<'a> {
         if let Some(reason) = &look.rejection {
             line("  ", &format!("refused ({}): {reason}", reason.code()));
         }
-        if let Some(force) = &look.force {
+        if let Some(force) = look.force() {
             line("  ", &format!("axial force {force}"));
+        }
+        for doubt in look.conflict().into_iter().flat_map(findings::doubts) {
+            let words = doubt.trim_start();
+            line(&doubt[..doubt.len() - words.len()], words);
         }
         if let Some(probability) = look.label_probability() {
             line(

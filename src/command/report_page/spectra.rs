@@ -67,6 +67,9 @@ fn section(html: &mut Markup, one: &SpectrumReport, id: &str) {
         }
         if let Some(force) = &one.force {
             entry("Axial force", force.clone());
+            for doubt in &one.doubts {
+                entry("In doubt", doubt.said().to_owned());
+            }
         }
         if let Some(probability) = record.label_probability {
             entry("Orders right with", super::percent_said(probability));

@@ -131,8 +131,10 @@ pub struct SpectrumReport {
     pub band_hz: Option<(f64, f64)>,
     /// Faults noticed by the quality checks.
     pub flags: Vec<String>,
-    /// Force in words, if a rod is configured.
+    /// Force in words with its mark, if a rod is configured.
     pub force: Option<String>,
+    /// Reasons to doubt it.
+    pub doubts: Vec<Doubt>,
     /// View of the record, if it has samples.
     pub record: Option<Snapshot>,
     /// Reason why it was refused, if it was.
@@ -162,9 +164,7 @@ pub struct RecordPoint {
     pub reference_c: Option<f64>,
     /// Natural frequencies: order, frequency \[Hz\], standard error \[Hz\].
     pub modes: Vec<(usize, f64, f64)>,
-    /// Conflict with the model, in standard deviations.
-    pub conflict: Option<f64>,
-    /// Reasons to doubt the force of this record alone.
+    /// Reasons to doubt its forces.
     pub doubts: Vec<Doubt>,
     /// Reason why it does not count on the charts, if it does not.
     pub set_aside: Option<String>,

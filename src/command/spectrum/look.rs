@@ -2,9 +2,9 @@
 
 use super::Band;
 use super::input::Source;
-use crate::analysis::findings::{self, Candidate, Peak};
+use crate::analysis::findings::{self, Candidate, Doubt, Peak};
 use crate::analysis::identify::Measurement;
-use crate::analysis::inference::Marginal;
+use crate::analysis::inference::{Conflict, Marginal};
 use crate::analysis::outcome::Rejected;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::rod::beam::Quantity;
@@ -42,11 +42,10 @@ pub(super) struct Look {
     pub flags: Vec<Flag>,
     /// Reason why there are no peaks, or no force of the configured rod.
     pub rejection: Option<Rejection>,
-    /// Force of the configured rod, in words.
-    pub force: Option<String>,
     /// Waveform, spectrum and peaks, if it has samples.
     pub picture: Option<Snapshot>,
     axial_force_n: Option<Marginal>,
+    conflict: Option<Conflict>,
     peaks: Vec<Peak>,
 }
 
@@ -56,6 +55,7 @@ struct Told {
     modes: Vec<Mode>,
     labels: Option<Labels>,
     force: Option<Marginal>,
+    conflict: Option<Conflict>,
     rejection: Option<Rejection>,
 }
 
@@ -75,6 +75,8 @@ struct Line<'a> {
     label_probability: Option<f64>,
     candidates: &'a [Candidate],
     axial_force_n: Option<&'a Marginal>,
+    conflict: Option<f64>,
+    prior_tail: Option<f64>,
     flags: &'a [Flag],
     rejection: Option<Reason<'a>>,
 }
@@ -125,7 +127,6 @@ impl Looker {
                 band_hz: None,
                 flags: Vec::new(),
                 rejection: Some(rejection.clone()),
-                force: None,
                 picture: Snapshot::of_rejected(&Rejected {
                     rod,
                     start,
@@ -139,6 +140,7 @@ impl Looker {
                     waveform,
                 }),
                 axial_force_n: None,
+            conflict: None,
                 peaks: Vec::new(),
             },
             Event::Record(record) => self.look_at(source, &record),
@@ -162,9 +164,9 @@ impl Looker {
             band_hz: Some((low_hz, high_hz)),
             flags: record.flags.clone(),
             rejection: None,
-            force: None,
             picture: None,
             axial_force_n: None,
+            conflict: None,
             peaks: Vec::new(),
         };
         match self.search.evidence(record, low_hz, high_hz) {
@@ -178,7 +180,7 @@ impl Looker {
                     told.labels.as_ref(),
                     high_hz,
                 ));
-                look.force = told.force.as_ref().map(crate::command::findings::force);
+                look.conflict = told.conflict;
                 look.axial_force_n = told.force;
                 look.rejection = told.rejection;
             }
@@ -212,6 +214,7 @@ impl Looker {
                 force: identification.posterior.marginal(Quantity::AxialForce),
                 modes: identification.modes,
                 labels: identification.labels,
+                conflict: Some(identification.conflict),
                 rejection: None,
             },
             Err(refusal) => Told {
@@ -255,6 +258,27 @@ impl Look {
         self.picture.as_ref()?.label_probability.filter(|_| is_told)
     }
 
+    /// Reasons to doubt the force of the configured rod.
+    pub fn doubts(&self) -> Vec<Doubt> {
+        Doubt::all(
+            self.conflict().map(|conflict| conflict.score),
+            self.conflict().map(|conflict| conflict.prior_tail),
+            self.label_probability(),
+        )
+    }
+
+    /// Conflict of the configured rod with the record.
+    pub fn conflict(&self) -> Option<&Conflict> {
+        self.conflict.as_ref()
+    }
+
+    /// Force of the configured rod in words, with its mark.
+    pub fn force(&self) -> Option<String> {
+        let force = self.axial_force_n.as_ref()?;
+        let mark = Doubt::mark(&self.doubts());
+        Some(format!("{mark}{}", crate::command::findings::force(force)))
+    }
+
     /// The findings as one JSON object, without a line end.
     pub fn json(&self) -> String {
         let line = Line {
@@ -274,6 +298,8 @@ impl Look {
                 .as_ref()
                 .map_or(&[][..], |picture| &picture.candidates),
             axial_force_n: self.axial_force_n.as_ref(),
+            conflict: self.conflict.as_ref().map(|conflict| conflict.score),
+            prior_tail: self.conflict.as_ref().map(|conflict| conflict.prior_tail),
             flags: &self.flags,
             rejection: self.rejection.as_ref().map(|rejection| Reason {
                 code: rejection.code(),
@@ -310,7 +336,8 @@ impl Look {
                 .or(self.source.foreign_unit.clone()),
             band_hz: self.band_hz,
             flags: self.flags.iter().map(ToString::to_string).collect(),
-            force: self.force.clone(),
+            force: self.force(),
+            doubts: self.doubts(),
             record: picture,
             fault,
         }

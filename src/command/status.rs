@@ -120,7 +120,10 @@ fn table(rows: &[RodStatus]) -> String {
             force.map_or_else(dash, |n| {
                 let [mean, low, high] = [n.mean, n.q025, n.q975].map(|n| n * 1e-3);
                 let digits = decimals(mean);
-                format!("{}{tilde}{mean:.digits$} ({low:.digits$} to {high:.digits$})", Doubt::mark(doubts))
+                format!(
+                    "{}{tilde}{mean:.digits$} ({low:.digits$} to {high:.digits$})",
+                    Doubt::mark(doubts)
+                )
             }),
             row.relative_force.as_ref().map_or_else(dash, |r| {
                 let [mean, low, high] = [r.mean, r.q025, r.q975].map(signed_percent);

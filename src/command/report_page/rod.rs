@@ -238,10 +238,17 @@ pub(super) fn figure(html: &mut Markup, drawing: Option<Markup>, caption: &str) 
 fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
     let Some(span) = Span::of(rod) else { return };
     if rod.records.len() < 2 {
-        let text = "Figures over time begin with the second record.";
+        let text = match rod.older_used {
+            0 => "Figures over time begin with the second record.",
+            _ => {
+                "The figures over time need the lines of two records; those of the older ones were removed ([store] keep_lines_d)."
+            }
+        };
         return html.leaf("p", &[("class", "about")], text);
     }
-    if let Some(drawing) = history::relative_force(rod, &span, &format!("{id}-rel")) {
+    let relative = history::relative_force(rod, &span, &format!("{id}-rel"));
+    let has_relative = relative.is_some();
+    if let Some(drawing) = relative {
         html.leaf("h3", &[], "Change of force since the baseline");
         figure(
             html,
@@ -277,8 +284,16 @@ fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
     figure(
         html,
         history::absolute_force(rod, &span, &format!("{id}-abs")),
-        "The grey interval is what each record says by itself; the blue one, once there is a baseline, uses all of them. Both are \
-         wide because the rod's stiffness and density are uncertain: judge changes by the figure above, not by this one.",
+        match has_relative {
+            true => {
+                "The grey interval is what each record says by itself; the blue one, once there is a baseline, uses all of them. Both \
+                 are wide because the rod's stiffness and density are uncertain: judge changes by the figure above, not by this one."
+            }
+            false => {
+                "The grey interval is what each record says by itself. It is wide because the rod's stiffness and density are \
+                 uncertain: no change can be told from it, only once there is a baseline."
+            }
+        },
     );
     html.leaf("h3", &[], "Natural frequencies");
     figure(

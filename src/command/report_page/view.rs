@@ -84,7 +84,7 @@ impl RodReport {
     /// The record of a rod measured only once, without another to compare it with.
     pub fn only_record(&self) -> Option<&RecordPoint> {
         match &self.records[..] {
-            [only] if only.ratio.is_none() => Some(only),
+            [only] if only.ratio.is_none() && self.older_used == 0 => Some(only),
             _ => None,
         }
     }
@@ -92,7 +92,11 @@ impl RodReport {
     /// True for a rod of which one record came, which was refused.
     pub fn is_refused_once(&self) -> bool {
         let refused: usize = self.rejections.iter().map(|rejection| rejection.count).sum();
-        self.records.is_empty() && refused == 1 && self.alarms.is_empty() && self.refused.is_some()
+        self.records.is_empty()
+            && self.older_used == 0
+            && refused == 1
+            && self.alarms.is_empty()
+            && self.refused.is_some()
     }
 
     /// The current segment.

@@ -25,12 +25,13 @@ pub(super) struct Looker {
     search: PeakSearch,
     plans: Plans,
     band: Band,
+    is_configured: bool,
 }
 
 /// Findings of a record.
 pub(super) struct Look {
     source: Source,
-    /// Time of the first sample, if known.
+    /// Time of the first sample, if known; 0 in a file that does not say it.
     pub start: Option<Timestamp>,
     /// Length \[s\].
     pub duration_s: f64,
@@ -47,6 +48,8 @@ pub(super) struct Look {
     axial_force_n: Option<Marginal>,
     conflict: Option<Conflict>,
     peaks: Vec<Peak>,
+    /// True with a configuration, whose settings may be changed.
+    is_configured: bool,
 }
 
 /// Result of a configured rod for a record.
@@ -105,6 +108,7 @@ impl Looker {
             search: PeakSearch::new(welch, peaks, Vec::new()),
             plans: config.map(setup::plans).transpose()?.unwrap_or_default(),
             band,
+            is_configured: config.is_some(),
         })
     }
 
@@ -140,8 +144,9 @@ impl Looker {
                     waveform,
                 }),
                 axial_force_n: None,
-            conflict: None,
+                conflict: None,
                 peaks: Vec::new(),
+                is_configured: self.is_configured,
             },
             Event::Record(record) => self.look_at(source, &record),
         };
@@ -168,8 +173,18 @@ impl Looker {
             axial_force_n: None,
             conflict: None,
             peaks: Vec::new(),
+            is_configured: self.is_configured,
         };
-        match self.search.evidence(record, low_hz, high_hz) {
+        let evidence = match low_hz < high_hz {
+            true => self.search.evidence(record, low_hz, high_hz),
+            false => Err(Rejection::NoBand {
+                low_hz: self.band.low_hz.unwrap_or(lowest_hz),
+                high_hz: self.band.high_hz.unwrap_or(highest_hz),
+                lowest_hz,
+                highest_hz,
+            }),
+        };
+        match evidence {
             Ok(evidence) => {
                 let told = self.told(source, record);
                 let measurement = Measurement::new(record, [0; 32], evidence);
@@ -247,6 +262,16 @@ impl Look {
         format!("{file}, {channel}{rod}{unit}")
     }
 
+    /// Reason why there are no peaks, or no force, in words.
+    pub fn reason(&self) -> Option<String> {
+        Some(match self.rejection.as_ref()? {
+            Rejection::TooShort { duration_s, needed_s } if !self.is_configured => {
+                format!("{duration_s:.2} s long, at least {needed_s:.2} s needed: record longer")
+            }
+            rejection => rejection.to_string(),
+        })
+    }
+
     /// Motion of the record.
     pub fn motion(&self) -> Option<&Motion> {
         self.picture.as_ref()?.motion.as_ref()
@@ -286,7 +311,7 @@ impl Look {
             channel: &self.source.channel,
             rod: self.source.rod.as_ref(),
             unit: self.source.unit,
-            start: self.start,
+            start: self.start.filter(|start| start.as_nanos() != 0),
             duration_s: self.duration_s,
             fs_hz: self.fs_hz,
             excitation: self.motion(),
@@ -303,7 +328,7 @@ impl Look {
             flags: &self.flags,
             rejection: self.rejection.as_ref().map(|rejection| Reason {
                 code: rejection.code(),
-                message: rejection.to_string(),
+                message: self.reason().unwrap_or_default(),
                 detail: rejection,
             }),
         };
@@ -317,7 +342,8 @@ impl Look {
         let fault = self
             .rejection
             .as_ref()
-            .map(|rejection| format!("{rejection} ({}).", rejection.code()));
+            .zip(self.reason())
+            .map(|(rejection, reason)| format!("{reason} ({}).", rejection.code()));
         if let Some(picture) = &mut picture {
             picture.label_probability = self.label_probability();
         }

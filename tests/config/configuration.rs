@@ -735,3 +735,25 @@ fn the_documentation_lists_every_key_and_no_other() {
         );
     }
 }
+
+#[test]
+fn a_key_without_effect_names_what_would_give_it_one() {
+    for key in ["at = 0.3", "gain_error = 0.02", "place_error_m = 0.05"] {
+        let channel = "[rod.channel]\n";
+        assert!(CAMPAIGN.contains(channel));
+        let found = messages(&CAMPAIGN.replacen(channel, &format!("{channel}{key}\n"), 1));
+        let (name, _) = key.split_once(' ').unwrap();
+        assert!(
+            found.len() == 1 && found[0].contains(name) && found[0].contains("only with [[rod.sensor]]"),
+            "{key}: {found:?}"
+        );
+    }
+    let test = "[[rod.test]]\nfrequencies_hz = [4.5, 9.3]\nsd_hz = 0.01\nloaded_sd_hz = 0.01\n";
+    let found = messages(&format!("{CAMPAIGN}\n{test}"));
+    assert!(
+        found
+            .iter()
+            .any(|said| said.contains("loaded_sd_hz") && said.contains("only with loaded_frequencies_hz")),
+        "{found:?}"
+    );
+}

@@ -63,6 +63,19 @@ fn a_store_of_the_version_before_keeps_its_baselines_and_goes_on() {
             "{told}"
         );
         assert_eq!(output.status.code(), Some(code), "{told}");
+        // Quiet: the faults alone.
+        let output = site.run(&["check", "other.toml", "--against", "site.db", "--quiet"]);
+        let told = text(&output.stdout);
+        assert_eq!(
+            told.lines().count(),
+            told.matches("would be lost").count(),
+            "{told}"
+        );
+        assert_eq!(
+            (told.is_empty(), output.status.code()),
+            (code == 0, Some(code)),
+            "{told}"
+        );
     }
 
     let loss = "[[simulation.rod.change]]\nstart_d = 0.0\nrelative = -0.10\n";

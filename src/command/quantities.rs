@@ -423,8 +423,8 @@ mod tests {
             ("5 t", "no unit of force"),
             ("150,000 N", "150000 or 150.000"),
             ("150.000 N", "150000 n or 150.000 n"),
-            ("1N..1000MN", "factors of 1.004 to 127"),
-            ("100..100.3 kN", "factors of 1.004 to 127"),
+            ("1N..1000MN", "factors of 1.004 to 128"),
+            ("100..100.3 kN", "factors of 1.004 to 128"),
             ("-5 kN", "number"),
             ("", "number"),
         ] {

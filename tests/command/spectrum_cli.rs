@@ -475,7 +475,7 @@ fn a_band_beyond_the_record_says_what_the_record_shows() {
     // 200 Hz, without a time of day.
     fs::write(&file, table()).unwrap();
     for band in ["250..300", "0.001..0.1"] {
-        let output = tirante(&cache, &["spectrum", &file, "--rate", "200", "--band", band]);
+        let output = tirante(&cache, &["spectrum", &file, "--band", band]);
         assert_eq!(output.status.code(), Some(3), "{}", said(&output));
         let told = text(&output.stdout)
             .split_whitespace()
@@ -496,6 +496,6 @@ fn a_band_beyond_the_record_says_what_the_record_shows() {
             "{told}"
         );
     }
-    let output = tirante(&cache, &["spectrum", &file, "--rate", "200", "--json"]);
+    let output = tirante(&cache, &["spectrum", &file, "--json"]);
     assert!(json(&output)[0]["start"].is_null(), "{}", said(&output));
 }

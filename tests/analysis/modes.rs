@@ -477,7 +477,7 @@ fn damaged_and_hopeless_records_are_refused_by_name() {
                     "{low_hz} {high_hz} at {fs_hz}"
                 );
             }
-            other => panic!("{fs_hz} Hz: {:?}", other.map(|found| found.modes)),
+            other => panic!("{fs_hz} Hz: {:?}", other.err()),
         }
     }
     let huge: Vec<f64> = record.samples.iter().map(|x| x * 1e300).collect();

@@ -463,7 +463,7 @@ fn a_force_in_doubt_bears_its_mark_and_its_figures() {
         "{look}"
     );
     let page = path(&cache, "page.html");
-    tirante(&cache, &[&words[..], &["--html", &page]].concat());
+    tirante(&cache, &[&words[..], &["--html", page.as_str()]].concat());
     let page = fs::read_to_string(page).unwrap();
     assert!(page.contains(">! ") && page.contains("model and data disagree"));
 }

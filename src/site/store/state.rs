@@ -113,6 +113,7 @@ impl Kept {
             readings,
             filters,
             early,
+            before,
             closed,
             alarms,
             watches,

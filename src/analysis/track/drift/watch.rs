@@ -31,8 +31,9 @@ const MOVING_SHARE: f64 = 0.25;
 /// Upper limit of the evidence: R grows without bound while a change lasts.
 const MOST_EVIDENCE: f64 = 1e12;
 
-/// Standard deviations of the predictive law from which a sudden change is reported at once.
-const TOLD_SD: f64 = 4.0;
+/// Standard deviations of the predictive law from which a sudden change is reported within days without a temperature: a smaller
+/// one is learned as weather by the broadest members of the bank.
+const TOLD_SD: f64 = 5.0;
 
 /// Periods between true changes of one rod, in periods between its false alarms: a change that the other rods confirm, and that is
 /// taken off their median, must be as much more certain than an alarm.
@@ -315,6 +316,9 @@ impl DriftWatch {
             sd: period.delta_sd,
             leverage: 1.0,
         });
+        // Beside a better-informed one its evidence is shown whole; standing in, it counts as that of an alarm does.
+        let stands_in = !(self.last.temperature || self.last.others);
+        let blind_since = self.informed_until().filter(|_| stands_in);
         let over = |statistic: f64| (statistic / terms.limit).min(MOST_EVIDENCE);
         Charted {
             expected: law.mean,
@@ -332,7 +336,7 @@ impl DriftWatch {
                 compensated: (self.watching().filter(|_| self.last.temperature))
                     .map(|one| over(one.detector.statistic())),
                 peers: (self.peers.as_ref().filter(|_| self.last.others)).map(|one| over(one.statistic())),
-                blind: Some(over(self.blind.statistic())),
+                blind: Some(over(self.blind.statistic_since(blind_since))),
             },
         }
     }
@@ -408,15 +412,19 @@ impl DriftWatch {
         }
     }
 
+    /// True while other rods bear witness.
+    pub(crate) fn has_witnesses(&self) -> bool {
+        self.peers.is_some() && self.without_others <= companions::PATIENCE
+    }
+
     /// Joint finding of the detectors after the last period, `index`. What shows only relative to the median may be another rod;
     /// `is_new`: not for so long that it would have been reported.
     pub(crate) fn finding(&self, others: &Others, index: i64, is_new: bool) -> Finding {
         if is_new && self.evidence_alone() <= MOVING && others.is_one_of_them(index, || self.size()) {
             return Finding::Quiet;
         }
-        let has_witnesses = self.peers.is_some() && self.without_others <= companions::PATIENCE;
-        let is_calm = others.count() < companions::FEWEST
-            || others.moving(index) as f64 <= MOVING_SHARE * others.count() as f64;
+        let has_witnesses = self.has_witnesses();
+        let is_calm = is_calm(others, index);
         if self.above.compensated {
             if has_witnesses && self.above.peers {
                 Finding::Drift(Witness::Confirmed)
@@ -556,6 +564,11 @@ impl DriftWatch {
     pub(crate) fn has_joined(&self) -> bool {
         self.has_joined
     }
+}
+
+/// True unless too many of the other rods move: what moves them together is no change of one.
+pub(crate) fn is_calm(others: &Others, index: i64) -> bool {
+    others.count() < companions::FEWEST || others.moving(index) as f64 <= MOVING_SHARE * others.count() as f64
 }
 
 /// Input of a detector for a period.

@@ -123,6 +123,25 @@ impl Detector {
         }
     }
 
+    /// A copy with the other rods' median and its square as further columns: what is learned and suspected stays, and of these
+    /// coefficients nothing is known yet. `has_say`: with its onset particles.
+    pub(super) fn with_others(&self, has_say: bool) -> Self {
+        let mut wider = self.clone();
+        if !has_say {
+            wider.particles.clear();
+        }
+        let laws = BankPrior::of_median();
+        let particles = wider.particles.iter_mut().map(|particle| &mut particle.bank);
+        for member in particles
+            .chain([&mut wider.null])
+            .flat_map(|bank| &mut bank.members)
+        {
+            member.widen(&laws);
+        }
+        wider.prior.columns.extend(laws);
+        wider
+    }
+
     /// Predictive law of a period under no change; `None` for a period that cannot be used.
     pub fn predict(&self, seen: &Seen) -> Option<Law> {
         let row = Row::new(&self.prior, seen)?;
@@ -526,6 +545,30 @@ mod tests {
                 );
                 assert!(detector.statistic().is_finite(), "{noise_sd}");
             }
+        }
+    }
+
+    /// A rod with far less noise than expected beforehand tells a loss as soon as any.
+    #[test]
+    fn a_quiet_rod_tells_one_per_cent_with_its_second_period() {
+        let noise_sd = 3e-4;
+        for seed in 0..8 {
+            let mut detector = Detector::new(BankPrior::peers(noise_sd));
+            for day in 0..62_u32 {
+                let mut generator = random::stream(seed, u64::from(day));
+                let noise: f64 = StandardNormal.sample(&mut generator);
+                let day = f64::from(day);
+                let columns = columns(day);
+                let change = if day < 60.0 { 0.0 } else { -0.01 };
+                let ratio = 0.8 * columns[0] + noise_sd * noise + change;
+                let seen = Seen {
+                    sd: noise_sd,
+                    ..seen(day, ratio, &columns)
+                };
+                detector.step(&seen).unwrap();
+                assert!(day >= 60.0 || detector.statistic() < 3652.0, "{seed} {day}");
+            }
+            assert!(detector.statistic() > 3652.0, "{seed}: {}", detector.statistic());
         }
     }
 

@@ -36,7 +36,7 @@ impl Detector {
                 day: *day,
                 measured: *day,
                 ratio: 0.0,
-                sd: self.prior().noise_sd,
+                sd: self.prior().stated_sd,
                 columns,
             };
             let mut row = Row::new(self.prior(), &seen)?;

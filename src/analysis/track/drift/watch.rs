@@ -9,8 +9,9 @@
 //!
 //! A drifting thermometer moves every rod's compensated detector, but not the rods relative to each other: a
 //! drift that `peers` also detects is confirmed; rods whose compensated detectors move together are one notice
-//! of the site. A detector that stands in counts only what began since a better-informed one last looked: before, that one
-//! saw more. Another rod that drifts moves the median: a rod that shows a change only relative to the
+//! of the site. Any of its J rods may bring that on, so that it needs J times the evidence of an alarm: the bound on false ones is
+//! one for the site. A detector that stands in counts only what began since a better-informed one last looked and saw little: before,
+//! that one saw more, and what it had begun to see is not lost with it. Another rod that drifts moves the median: a rod that shows a change only relative to the
 //! median waits a few periods while a rod in the median shows a larger one. Once that rod is reported, the
 //! median goes on without its change.
 
@@ -74,9 +75,11 @@ pub struct DriftWatch {
     without_others: u32,
     /// Number of periods in a row that no detector with temperature took.
     without_temperature: u32,
-    /// Mean times of the last periods that a detector with temperature took, and one with the other rods \[d\].
+    /// Mean times of the last periods after which a detector with temperature, one with the other rods, and the one with both saw
+    /// little evidence of a change \[d\].
     temperature_until: Option<f64>,
     others_until: Option<f64>,
+    both_until: Option<f64>,
     /// True once this rod moved together with others of which one reported it.
     has_joined: bool,
     /// Sources of the last period: temperature, other rods.
@@ -134,6 +137,8 @@ pub(crate) enum Finding {
     Drift(Witness),
     /// It moved together with other rods: thermometer, weather, or the whole structure.
     Common,
+    /// It seems to move together with other rods; a notice of the site needs more evidence.
+    Waiting,
 }
 
 impl DriftWatch {
@@ -152,6 +157,7 @@ impl DriftWatch {
             without_temperature: 0,
             temperature_until: None,
             others_until: None,
+            both_until: None,
             has_joined: false,
             last: Sources::default(),
             above: Above::default(),
@@ -170,9 +176,13 @@ impl DriftWatch {
 
     /// R of the detector with the most inputs of late.
     pub fn evidence(&self) -> f64 {
-        let detector = self.current_watching().map(|one| &one.detector);
-        let informed = detector.or(self.current_peers());
-        informed.unwrap_or(&self.blind).statistic()
+        if self.current_watching().is_some() {
+            return self.watching_statistic();
+        }
+        match self.current_peers() {
+            Some(peers) => peers.statistic_since(self.temperature_until),
+            None => self.blind.statistic_since(self.informed_until()),
+        }
     }
 
     /// R of the detector with the most inputs that does not use the other rods, so that no other rod can raise it.
@@ -181,7 +191,7 @@ impl DriftWatch {
         let by_temperature = self.by_temperature.as_ref().or_else(knows_no_others);
         match by_temperature.filter(|_| self.last.alone) {
             Some(one) => one.detector.statistic(),
-            None => self.blind.statistic(),
+            None => self.blind.statistic_since(self.temperature_until),
         }
     }
 
@@ -197,7 +207,7 @@ impl DriftWatch {
             .map_or(0.0, |size| size * odds / (1.0 + odds))
     }
 
-    /// Mean time of the last period that a detector with temperature or other rods took \[d\].
+    /// Mean time of the last period after which a detector with temperature or other rods saw little \[d\].
     fn informed_until(&self) -> Option<f64> {
         let times = self.temperature_until.into_iter().chain(self.others_until);
         times.reduce(f64::max)
@@ -247,7 +257,7 @@ impl DriftWatch {
             None if found.has_few => u32::MAX,
             None => self.without_others.saturating_add(1),
         };
-        self.begin(terms, period, others);
+        self.begin(terms, period, median.is_some());
         let regressors = Regressors {
             reference_c: 0.0,
             origin: self.origin,
@@ -297,12 +307,7 @@ impl DriftWatch {
         } else {
             self.without_temperature.saturating_add(1)
         };
-        if self.last.temperature {
-            self.temperature_until = Some(measured);
-        }
-        if self.last.others {
-            self.others_until = Some(measured);
-        }
+        self.note_what_is_known(measured, median.is_some());
         let blind_law = self.blind.step(&seen(period, &regressors.blind(day)));
         self.look(terms.limit);
         let law = law.or(blind_law).unwrap_or(Law {
@@ -323,49 +328,64 @@ impl DriftWatch {
                 .map(|filtered| filtered[SHOWN])
                 .filter(|_| terms.thermal.is_some()),
             evidence: Evidence {
-                compensated: self.current_watching().map(|one| over(one.detector.statistic())),
+                compensated: self.current_watching().map(|_| over(self.watching_statistic())),
                 peers: self.current_peers().map(|one| over(one.statistic())),
                 blind: Some(over(self.blind.statistic())),
             },
         }
     }
 
-    /// Begins the compensated detector with the first period that has its inputs. One without other rods
-    /// becomes that with temperature only once there are some.
-    fn begin(&mut self, terms: &Terms, period: &Period, others: &Others) {
-        let knows_others = others.count() >= companions::FEWEST;
-        if let Some(known) = &self.compensated {
-            if known.knows_others || !known.knows_temperature || !knows_others || period.filtered_c.is_none()
-            {
-                return;
-            }
-            self.by_temperature = self.compensated.take();
+    /// Begins the compensated detector with the first period that has its inputs. Once there are other rods, one with them goes on
+    /// beside it, with all it learned.
+    fn begin(&mut self, terms: &Terms, period: &Period, has_median: bool) {
+        if self.compensated.is_none() {
+            let (prior, reference_c) = match terms.thermal {
+                None => (BankPrior::unmoved(self.noise_sd), 0.0),
+                Some(thermal) => {
+                    let (Some(reference_c), Some(_)) = (terms.reference_c, period.filtered_c) else {
+                        return;
+                    };
+                    (BankPrior::thermal(self.noise_sd, thermal), reference_c)
+                }
+            };
+            let (origin, knows_temperature) = (period.start.days(), terms.thermal.is_some());
+            self.compensated = Some(Compensated::new(prior, reference_c, origin, knows_temperature));
         }
-        let (prior, reference_c) = match terms.thermal {
-            None => (BankPrior::unmoved(self.noise_sd), 0.0),
-            Some(thermal) => {
-                let (Some(reference_c), Some(_)) = (terms.reference_c, period.filtered_c) else {
-                    return;
-                };
-                let prior = if knows_others {
-                    BankPrior::thermal_and_peers(self.noise_sd, thermal)
-                } else {
-                    BankPrior::thermal(self.noise_sd, thermal)
-                };
-                (prior, reference_c)
-            }
-        };
-        let (origin, knows_temperature) = (period.start.days(), terms.thermal.is_some());
-        let begun = |prior, knows_others| {
-            Compensated::new(prior, reference_c, origin, knows_others, knows_temperature)
-        };
-        if let Some(thermal) = terms
-            .thermal
-            .filter(|_| knows_others && self.by_temperature.is_none())
+        let is_alone = |one: &Compensated| one.knows_temperature && !one.knows_others;
+        if has_median
+            && period.filtered_c.is_some()
+            && let Some(alone) = self.compensated.take_if(|one| is_alone(one))
         {
-            self.by_temperature = Some(begun(BankPrior::thermal(self.noise_sd, thermal), false));
+            // Of a watch made anew, the other rods had their say on what began before.
+            self.compensated = Some(alone.with_others(self.both_until.is_none()));
+            self.by_temperature = Some(alone);
         }
-        self.compensated = Some(begun(prior, knows_others && terms.thermal.is_some()));
+    }
+
+    /// Notes until when the detectors of this period, measured in the mean at a time \[d\], saw little evidence of a change. What one
+    /// has begun to see must not be forgotten when it loses its inputs.
+    fn note_what_is_known(&mut self, measured: f64, has_median: bool) {
+        let sees_little =
+            |detector: &Detector, until: &Option<f64>| detector.statistic_since(*until) <= MOVING;
+        let note = |detector: Option<&Detector>, until: &mut Option<f64>| {
+            if detector.is_some_and(|detector| sees_little(detector, until)) {
+                *until = Some(measured);
+            }
+        };
+        let (mut temperature, mut both, mut others) =
+            (self.temperature_until, self.both_until, self.others_until);
+        let watching = self.watching().filter(|_| self.last.temperature);
+        note(watching.map(|one| &one.detector), &mut temperature);
+        let with_others = watching.filter(|one| one.knows_others && has_median);
+        note(with_others.map(|one| &one.detector), &mut both);
+        let peers = self.peers.as_ref().filter(|_| self.last.others);
+        note(peers, &mut others);
+        (self.temperature_until, self.both_until, self.others_until) = (temperature, both, others);
+    }
+
+    /// Notes that a detector with the other rods, which is not there any more, looked until a time \[d\].
+    pub(crate) fn looked_beside_others(&mut self, until: f64) {
+        self.both_until = Some(until);
     }
 
     /// Compensated detector in use: that with the other rods, unless they are absent.
@@ -375,15 +395,28 @@ impl DriftWatch {
         alone.or(self.compensated.as_ref())
     }
 
+    /// Time from which on changes count for the detector in use: one with temperature only stands in for one with the other rods.
+    fn watching_since(&self) -> Option<f64> {
+        self.watching()
+            .filter(|one| !one.knows_others)
+            .and(self.both_until)
+    }
+
+    /// R of the detector in use.
+    fn watching_statistic(&self) -> f64 {
+        let since = self.watching_since();
+        self.watching()
+            .map_or(0.0, |one| one.detector.statistic_since(since))
+    }
+
     /// Finds the detectors above their limit. Periods since the onset of a change reported now do not count
     /// for commissioning.
     fn look(&mut self, limit: f64) {
         let was_told = self.above.any();
         let is_above = |detector: &Detector, since, limit| detector.statistic_since(since) > limit;
         let peers = |since, limit| (self.peers.as_ref()).is_some_and(|peers| is_above(peers, since, limit));
-        let watching = self.watching();
         self.above = Above {
-            compensated: watching.is_some_and(|one| is_above(&one.detector, None, limit)),
+            compensated: self.watching_statistic() > limit,
             peers: peers(None, RARER * limit),
             peers_alone: peers(self.temperature_until, limit),
             blind: is_above(&self.blind, self.informed_until(), limit),
@@ -414,7 +447,12 @@ impl DriftWatch {
             if has_witnesses && self.above.peers {
                 Finding::Drift(Witness::Confirmed)
             } else if !is_calm {
-                Finding::Common
+                let rods = (others.count() + 1) as f64;
+                if self.watching_statistic() > rods * self.limit {
+                    Finding::Common
+                } else {
+                    Finding::Waiting
+                }
             } else if has_witnesses {
                 Finding::Drift(Witness::Unconfirmed)
             } else {
@@ -447,7 +485,9 @@ impl DriftWatch {
         let is_compensated = self.last.temperature || self.above.compensated;
         let compensated = self.watching().filter(|_| is_compensated);
         let peers = self.peers.as_ref().filter(|_| self.last.others);
-        let first = compensated.map(|one| (&one.detector, None)).into_iter();
+        let first = compensated
+            .map(|one| (&one.detector, self.watching_since()))
+            .into_iter();
         let second = peers.map(|peers| (peers, self.temperature_until)).into_iter();
         first.chain(second).chain([(&self.blind, self.informed_until())])
     }

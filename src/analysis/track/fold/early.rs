@@ -106,7 +106,7 @@ impl EarlyWatch {
         let others = Others::default();
         watch.step(&terms, &period, self.filters.is_sparse(), &others, period_s);
         match watch.finding(&others, index, false) {
-            Finding::Quiet => None,
+            Finding::Quiet | Finding::Waiting => None,
             Finding::Drift(_) | Finding::Common => change_told(watch, Some(shift)),
         }
     }

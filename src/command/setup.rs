@@ -116,7 +116,7 @@ pub struct Prepared {
 pub fn site(config: Config, store: Option<&Path>, given_up: &GivenUp) -> anyhow::Result<Prepared> {
     let store = match store.or(config.store.path.as_deref()) {
         Some(path) => Store::open(path, Durability::Replay)?,
-        None => Store::in_memory()?,
+        None => Store::transient()?,
     };
     if let Some(aside) = store.moved_aside() {
         tell!(

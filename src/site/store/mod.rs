@@ -89,10 +89,21 @@ impl Store {
         Ok(Self {
             reader: Reader::over(opened.connection, opened.path, file),
             known: opened.known,
-            kept: Kept::default(),
+            kept: Kept::new(true),
             moved_aside: opened.moved_aside,
             is_grouping: false,
             _lock: Some(opened.lock),
+        })
+    }
+
+    /// A store in memory for one run: of the states, which nobody resumes from, it keeps the segments alone.
+    ///
+    /// # Errors
+    /// There is no memory for it.
+    pub fn transient() -> Result<Self, StoreError> {
+        Ok(Self {
+            kept: Kept::new(false),
+            ..Self::in_memory()?
         })
     }
 
@@ -109,7 +120,7 @@ impl Store {
         Ok(Self {
             reader: Reader::over(connection, path, FileId::default()),
             known: HashMap::new(),
-            kept: Kept::default(),
+            kept: Kept::new(true),
             moved_aside: None,
             is_grouping: false,
             _lock: None,

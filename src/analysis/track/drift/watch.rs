@@ -39,6 +39,9 @@ const TOLD_SD: f64 = 4.0;
 /// taken off their median, must be as much more certain than an alarm.
 const RARER: f64 = 10.0;
 
+/// Most periods with evidence of a change that a detector leaves to one that stands in for it.
+const SUSPICIOUS_PERIODS: u8 = 3;
+
 /// Settings of a watch besides its periods.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Terms {
@@ -75,17 +78,38 @@ pub struct DriftWatch {
     without_others: u32,
     /// Number of periods in a row that no detector with temperature took.
     without_temperature: u32,
-    /// Mean times of the last periods after which a detector with temperature, one with the other rods, and the one with both saw
-    /// little evidence of a change \[d\].
-    temperature_until: Option<f64>,
-    others_until: Option<f64>,
-    both_until: Option<f64>,
+    /// Until when a detector with temperature looked, one with the other rods, and the one with both.
+    by_temperature_until: Looked,
+    by_others_until: Looked,
+    by_both_until: Looked,
     /// True once this rod moved together with others of which one reported it.
     has_joined: bool,
     /// Sources of the last period: temperature, other rods.
     last: Sources,
     /// Detectors above their limit after the last period.
     above: Above,
+}
+
+/// Mean time \[d\] of the last period that a detector took with little evidence of a change afterwards, or of one soon after it: what
+/// it had begun to see must not be forgotten when it loses its inputs, and it tells a large change within so many periods.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+struct Looked {
+    until: Option<f64>,
+    /// Number of periods since, with more evidence.
+    suspicious: u8,
+}
+
+impl Looked {
+    /// Takes a period after which a detector has some evidence of a change since.
+    fn note(&mut self, measured: f64, detector: Option<&Detector>) {
+        let Some(detector) = detector else { return };
+        let is_suspicious = detector.statistic_since(self.until) > MOVING;
+        if is_suspicious && self.suspicious < SUSPICIOUS_PERIODS {
+            self.suspicious += 1;
+        } else {
+            (self.until, self.suspicious) = (Some(measured), 0);
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -155,9 +179,9 @@ impl DriftWatch {
             companions: Companions::default(),
             without_others: 0,
             without_temperature: 0,
-            temperature_until: None,
-            others_until: None,
-            both_until: None,
+            by_temperature_until: Looked::default(),
+            by_others_until: Looked::default(),
+            by_both_until: Looked::default(),
             has_joined: false,
             last: Sources::default(),
             above: Above::default(),
@@ -180,7 +204,7 @@ impl DriftWatch {
             return self.watching_statistic();
         }
         match self.current_peers() {
-            Some(peers) => peers.statistic_since(self.temperature_until),
+            Some(peers) => peers.statistic_since(self.by_temperature_until.until),
             None => self.blind.statistic_since(self.informed_until()),
         }
     }
@@ -191,7 +215,7 @@ impl DriftWatch {
         let by_temperature = self.by_temperature.as_ref().or_else(knows_no_others);
         match by_temperature.filter(|_| self.last.alone) {
             Some(one) => one.detector.statistic(),
-            None => self.blind.statistic_since(self.temperature_until),
+            None => self.blind.statistic_since(self.by_temperature_until.until),
         }
     }
 
@@ -207,10 +231,13 @@ impl DriftWatch {
             .map_or(0.0, |size| size * odds / (1.0 + odds))
     }
 
-    /// Mean time of the last period after which a detector with temperature or other rods saw little \[d\].
+    /// Time until which a detector with temperature or other rods looked \[d\].
     fn informed_until(&self) -> Option<f64> {
-        let times = self.temperature_until.into_iter().chain(self.others_until);
-        times.reduce(f64::max)
+        let looked = [self.by_temperature_until, self.by_others_until];
+        looked
+            .into_iter()
+            .filter_map(|looked| looked.until)
+            .reduce(f64::max)
     }
 
     /// Size of the change as it stands now, as a share of the force; zero without one.
@@ -307,7 +334,7 @@ impl DriftWatch {
         } else {
             self.without_temperature.saturating_add(1)
         };
-        self.note_what_is_known(measured, median.is_some());
+        self.note_what_looked(measured);
         let blind_law = self.blind.step(&seen(period, &regressors.blind(day)));
         self.look(terms.limit);
         let law = law.or(blind_law).unwrap_or(Law {
@@ -357,35 +384,31 @@ impl DriftWatch {
             && let Some(alone) = self.compensated.take_if(|one| is_alone(one))
         {
             // Of a watch made anew, the other rods had their say on what began before.
-            self.compensated = Some(alone.with_others(self.both_until.is_none()));
+            self.compensated = Some(alone.with_others(self.by_both_until.until.is_none()));
             self.by_temperature = Some(alone);
         }
     }
 
-    /// Notes until when the detectors of this period, measured in the mean at a time \[d\], saw little evidence of a change. What one
-    /// has begun to see must not be forgotten when it loses its inputs.
-    fn note_what_is_known(&mut self, measured: f64, has_median: bool) {
-        let sees_little =
-            |detector: &Detector, until: &Option<f64>| detector.statistic_since(*until) <= MOVING;
-        let note = |detector: Option<&Detector>, until: &mut Option<f64>| {
-            if detector.is_some_and(|detector| sees_little(detector, until)) {
-                *until = Some(measured);
-            }
-        };
-        let (mut temperature, mut both, mut others) =
-            (self.temperature_until, self.both_until, self.others_until);
+    /// Notes until when the detectors of this period, measured in the mean at a time \[d\], looked.
+    fn note_what_looked(&mut self, measured: f64) {
+        let [mut temperature, mut both, mut others] = [
+            self.by_temperature_until,
+            self.by_both_until,
+            self.by_others_until,
+        ];
         let watching = self.watching().filter(|_| self.last.temperature);
-        note(watching.map(|one| &one.detector), &mut temperature);
-        let with_others = watching.filter(|one| one.knows_others && has_median);
-        note(with_others.map(|one| &one.detector), &mut both);
-        let peers = self.peers.as_ref().filter(|_| self.last.others);
-        note(peers, &mut others);
-        (self.temperature_until, self.both_until, self.others_until) = (temperature, both, others);
+        temperature.note(measured, watching.map(|one| &one.detector));
+        let with_others = watching.filter(|one| one.knows_others);
+        both.note(measured, with_others.map(|one| &one.detector));
+        others.note(measured, self.peers.as_ref().filter(|_| self.last.others));
+        self.by_temperature_until = temperature;
+        self.by_both_until = both;
+        self.by_others_until = others;
     }
 
     /// Notes that a detector with the other rods, which is not there any more, looked until a time \[d\].
     pub(crate) fn looked_beside_others(&mut self, until: f64) {
-        self.both_until = Some(until);
+        self.by_both_until.until = Some(until);
     }
 
     /// Compensated detector in use: that with the other rods, unless they are absent.
@@ -399,7 +422,7 @@ impl DriftWatch {
     fn watching_since(&self) -> Option<f64> {
         self.watching()
             .filter(|one| !one.knows_others)
-            .and(self.both_until)
+            .and(self.by_both_until.until)
     }
 
     /// R of the detector in use.
@@ -418,7 +441,7 @@ impl DriftWatch {
         self.above = Above {
             compensated: self.watching_statistic() > limit,
             peers: peers(None, RARER * limit),
-            peers_alone: peers(self.temperature_until, limit),
+            peers_alone: peers(self.by_temperature_until.until, limit),
             blind: is_above(&self.blind, self.informed_until(), limit),
         };
         if !was_told
@@ -488,7 +511,9 @@ impl DriftWatch {
         let first = compensated
             .map(|one| (&one.detector, self.watching_since()))
             .into_iter();
-        let second = peers.map(|peers| (peers, self.temperature_until)).into_iter();
+        let second = peers
+            .map(|peers| (peers, self.by_temperature_until.until))
+            .into_iter();
         first.chain(second).chain([(&self.blind, self.informed_until())])
     }
 

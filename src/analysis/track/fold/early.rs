@@ -158,7 +158,7 @@ impl EarlyWatch {
         // There are no others: what moves, moves alone.
         match watch.finding(&others, index, false) {
             Finding::Drift(witness) => Some((change_told(watch, Some(shift))?, witness)),
-            Finding::Quiet | Finding::Common => None,
+            Finding::Quiet | Finding::Waiting | Finding::Common => None,
         }
     }
 }

@@ -160,6 +160,15 @@ pub(crate) fn rewatch(tracker: &mut Tracker) {
         let mut again = period.clone();
         watch(tracker, &mut again, &Others::default());
     }
+    // Replayed without the other rods: what they explained then is no evidence.
+    if let Some(last) = periods.last()
+        && last
+            .charted
+            .is_some_and(|charted| charted.evidence.peers.is_some())
+        && let Some(watch) = tracker.state.watch.get_mut()
+    {
+        watch.looked_beside_others(last.time().days());
+    }
     tracker.state.periods = periods;
 }
 
@@ -187,17 +196,18 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
         return;
     };
     let finding = watch.finding(others, period.index, !has_lasted);
-    if watch.joins(others, period.index, finding == Finding::Common) && !drifts {
+    let moves = matches!(finding, Finding::Common | Finding::Waiting);
+    if watch.joins(others, period.index, moves) && !drifts {
         watch.restart();
         return;
     }
-    if finding == Finding::Quiet {
+    if matches!(finding, Finding::Quiet | Finding::Waiting) {
         return;
     }
     let Some(change) = change_now(tracker) else { return };
     let state = &tracker.state;
     match finding {
-        Finding::Quiet => {}
+        Finding::Quiet | Finding::Waiting => {}
         Finding::Drift(_) if drifts => confirm(tracker, finding, &change, period, time),
         Finding::Drift(witness) => {
             let alternatives = explain(tracker, &change, Some(period));

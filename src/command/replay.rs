@@ -52,7 +52,7 @@ temperature; '~' marks one that is not compensated for temperature; '-' stands
 while the baseline is learned. The state is empty for a rod that is monitored
 and shows no alarm. `! conflict` says by how many standard deviations the
 frequencies lie outside everything the model can produce: the force may be wrong
-by more than it says. `? hardly in the prior`: check length, section, material
+by more than it says. `! hardly in the prior`: check length, section, material
 and expected force. Behind the state, `decay`, `decays` and `blow` say what
 motion was recognised (nothing: ambient vibration), `? orders 0.93` that the
 orders of the modes are not certain: `tirante identify` shows what else the

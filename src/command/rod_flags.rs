@@ -3,6 +3,7 @@
 use super::BadArguments;
 use super::quantities::{self, Expected, Profile, Section, metres, millimetres};
 use super::questions::Questions;
+use crate::config::written::positive;
 use std::io::BufRead;
 
 /// Largest section of a wire \[m^2\]: 8 mm in diameter.
@@ -38,7 +39,7 @@ pub struct RodFlags {
     #[arg(long, value_name = "FORCE", value_parser = quantities::force, conflicts_with = "force_n")]
     pub force: Option<Expected>,
     /// Expected force in newtons, give or take 30 %.
-    #[arg(long, value_name = "N", value_parser = positive)]
+    #[arg(long, value_name = "N", value_parser = quantities::newtons)]
     pub force_n: Option<f64>,
 }
 
@@ -222,17 +223,6 @@ fn shape<R: BufRead>(size_m: f64, questions: &mut Questions<R>) -> anyhow::Resul
     )
 }
 
-/// Parses a positive number with decimal comma or point.
-///
-/// # Errors
-/// It is none.
-pub fn positive(text: &str) -> Result<f64, String> {
-    let number: Option<f64> = text.replace(',', ".").parse().ok();
-    number
-        .filter(|number| number.is_finite() && *number > 0.0)
-        .ok_or_else(|| "a positive number is expected".to_owned())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -308,6 +298,14 @@ mod tests {
                 Typed::try_parse_from(["x"].iter().chain(&words)).is_err(),
                 "{words:?}"
             );
+        }
+        for (flag, text) in [
+            ("--force-n", "150,000"),
+            ("--force-n", "150.000"),
+            ("--side-m", "0.07,1"),
+            ("--width-m", "1,200"),
+        ] {
+            assert!(Typed::try_parse_from(["x", flag, text]).is_err(), "{flag} {text}");
         }
         let rod = asked(
             &["--length-m", "9.5", "--width-m", "0.06", "--height-m", "0.02"],

@@ -22,9 +22,10 @@ use std::process::ExitCode;
 Force and change (since the rod's baseline) are given at the reference
 temperature. A '~' says that they are not: they are those of the latest record
 at its own temperature, uncompensated. Before there is a baseline the force is
-that of the latest record alone; '!' and '?' say that it may be wrong. The exit
-code says whether the store could be read, not whether an alarm stands: read
-`alarms` of --format json for that.")]
+that of the latest record alone. '!' and '?' say that the force may be wrong, by
+the latest record that counts; a baseline does not mend that. The exit code says
+whether the store could be read, not whether an alarm stands: read `alarms` of
+--format json for that.")]
 pub struct Args {
     /// Store to read.
     #[command(flatten)]
@@ -108,21 +109,21 @@ fn table(rows: &[RodStatus]) -> String {
     for row in rows {
         let change_mark = if row.compensated { "" } else { "~" };
         let dash = || "-".to_owned();
-        // Before there is a baseline, the record's own force, with its marks.
+        // Before there is a baseline, the record's own force.
         let own = row.axial_force_n.as_ref().filter(|_| row.force_n.is_none());
-        let force_mark = if own.is_some() {
-            Doubt::mark(&row.doubts)
-        } else {
-            change_mark
-        };
         let force = row.force_n.as_ref().or(own);
+        let doubts = if force.is_some() { &row.doubts[..] } else { &[] };
+        let tilde = if own.is_some() { "" } else { change_mark };
         table.push(vec![
             row.rod.0.clone(),
             row.state.to_owned(),
             force.map_or_else(dash, |n| {
                 let [mean, low, high] = [n.mean, n.q025, n.q975].map(|n| n * 1e-3);
                 let digits = decimals(mean);
-                format!("{force_mark}{mean:.digits$} ({low:.digits$} to {high:.digits$})")
+                format!(
+                    "{}{tilde}{mean:.digits$} ({low:.digits$} to {high:.digits$})",
+                    Doubt::mark(doubts)
+                )
             }),
             row.relative_force.as_ref().map_or_else(dash, |r| {
                 let [mean, low, high] = [r.mean, r.q025, r.q975].map(signed_percent);
@@ -135,9 +136,9 @@ fn table(rows: &[RodStatus]) -> String {
         }
         if own.is_some() {
             table.note("the force is that of the latest record alone".to_owned());
-            row.doubts
-                .iter()
-                .for_each(|doubt| table.note(doubt.said().to_owned()));
+        }
+        for doubt in doubts {
+            table.note(doubt.said().to_owned());
         }
         if let Some(why) = row.why() {
             table.note(why);

@@ -459,6 +459,27 @@ fn damaged_and_hopeless_records_are_refused_by_name() {
         with(record.samples.clone(), 8.0),
         Err(Rejection::Undersampled { .. })
     ));
+    // Noise, sampled below the band of the prior: the band told is the one that was searched.
+    let mut state = 1_u64;
+    let noise: Vec<f64> = (0..6000)
+        .map(|_| {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as f64 / f64::from(u32::MAX)
+        })
+        .collect();
+    for fs_hz in [FS, 30.0] {
+        match with(noise.clone(), fs_hz) {
+            Err(Rejection::NoPeak { low_hz, high_hz }) => {
+                assert!(
+                    low_hz < high_hz && high_hz <= 0.5 * fs_hz,
+                    "{low_hz} {high_hz} at {fs_hz}"
+                );
+            }
+            other => panic!("{fs_hz} Hz: {:?}", other.map(|found| found.modes)),
+        }
+    }
     let huge: Vec<f64> = record.samples.iter().map(|x| x * 1e300).collect();
     assert!(with(huge, FS).is_err());
     record.samples[17] = f64::NAN;

@@ -359,6 +359,9 @@ impl Reader {
         if matches!(listing, Listing::Records | Listing::Rejections) {
             self.check(&["record", "mode", "origin"])?;
         }
+        if listing == Listing::Records {
+            self.check(&["line"])?;
+        }
         let names = self.columns(listing)?;
         let (sql, values) = listing.sql(filter, self.orders().map_err(fault)?);
         let sql = self.of_now(listing, sql).map_err(fault)?;
@@ -651,7 +654,9 @@ impl Listing {
                         tracked_force_n, tracked_force_sd_n, temperature_c, not_axial_p,
                         axial_force_n, axial_force_sd_n, axial_force_q025_n, axial_force_q50_n, axial_force_q975_n,
                         {modes}
-                        conflict, prior_tail, epsilon, draws, accepted, ess, fs_hz, rms, segment,
+                        conflict, prior_tail,
+                        (SELECT json ->> '$.label_probability' FROM line WHERE record = id) AS label_probability,
+                        epsilon, draws, accepted, ess, fs_hz, rms, segment,
                         emulator, seed, config, analysis_version, rejection_message,
                         (SELECT file FROM origin WHERE record = id) AS file
                      FROM record WHERE {wanted} ORDER BY rod, start_ns, id"

@@ -139,7 +139,11 @@ impl ModalPlan {
         let (low_hz, high_hz) = self.labels.band_hz();
         let searchable = searchable_hz(duration_s, fs_hz);
         let labelled = if resonances.is_empty() {
-            Err((Rejection::NoPeak { low_hz, high_hz }, None))
+            let rejection = Rejection::NoPeak {
+                low_hz: low_hz.max(searchable.0),
+                high_hz: high_hz.min(searchable.1),
+            };
+            Err((rejection, None))
         } else {
             self.labels
                 .label(resonances, searchable, kind)

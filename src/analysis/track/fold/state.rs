@@ -231,8 +231,8 @@ impl State {
                 let time = self.latest.map_or(0.0, Timestamp::days);
                 let least = watch.least_told_blind(time).unwrap_or(1.0);
                 not_monitoring(&format!(
-                    "uncompensated: no temperature, so only sudden changes of force above about {:.0} % are told",
-                    100.0 * least
+                    "uncompensated: no temperature, so only sudden changes of force above about {} % are told",
+                    three_digits(100.0 * least)
                 ))
             }
         }
@@ -317,5 +317,36 @@ impl Neighbour for State {
 
     fn has_moved_with_others(&self) -> bool {
         self.holds(Kind::Common)
+    }
+}
+
+/// A percentage with three significant digits, at least one of them a decimal: never 0 for what is not.
+fn three_digits(percent: f64) -> String {
+    let magnitude = percent.abs().log10().floor();
+    // Zero has no magnitude.
+    let decimals = if magnitude.is_finite() {
+        (2.0 - magnitude).clamp(1.0, 9.0)
+    } else {
+        1.0
+    };
+    format!("{percent:.*}", decimals as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::three_digits;
+
+    #[test]
+    fn a_small_percentage_is_not_zero() {
+        for (percent, said) in [
+            (0.0123, "0.0123"),
+            (0.4, "0.400"),
+            (1.5, "1.50"),
+            (12.34, "12.3"),
+            (100.0, "100.0"),
+            (0.0, "0.0"),
+        ] {
+            assert_eq!(three_digits(percent), said);
+        }
     }
 }

@@ -143,6 +143,7 @@ pub fn routes() -> Router<Api> {
         .route("/api/v1/rods/{rod}/latest", get(latest))
         .route("/api/v1/alarms", get(alarms))
         .route("/api/v1/alarms/{id}/acknowledge", post(acknowledge))
+        .layer(middleware::map_response(problem::as_json))
         .layer(middleware::from_fn(packed::pack))
         .route("/api/v1/events", get(events))
 }

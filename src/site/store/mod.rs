@@ -27,6 +27,7 @@ mod schema;
 mod sent;
 mod shelf;
 mod snapshot;
+mod standing;
 mod state;
 mod vigil;
 
@@ -41,10 +42,11 @@ pub use lock::Reserved;
 pub use open::Durability;
 pub use operation::{Carry, FileMark, FileState, News};
 pub use page::{Line, Lines, Mark, Modes, Point, Sampling};
-pub use read::{Filter, Listing, Reader, Refusals, Standing, WithoutLine};
+pub use read::{Filter, Listing, Reader, Refusals, WithoutLine};
 pub use request::{Asked, Request};
 pub use resonance::{FoundRow, Made};
 pub use snapshot::{SnapshotRow, Snapshots};
+pub use standing::Standing;
 pub use vigil::{ConditionEvent, Stretch};
 
 use crate::analysis::signal::record::{RodId, Timestamp};

@@ -135,6 +135,17 @@ impl Reader {
         )
     }
 
+    /// The last records of a rod, at most `most`, in the order of time.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn last_points(&self, rod: &RodId, most: usize) -> Result<Vec<Point>, StoreError> {
+        let condition = "rod = ? AND start_ns IS NOT NULL ORDER BY start_ns DESC, id DESC LIMIT ?";
+        let mut points = self.points_where(condition, (&rod.0, limit(most)))?;
+        points.reverse();
+        Ok(points)
+    }
+
     fn points_where(&self, condition: &str, parameters: impl Params) -> Result<Vec<Point>, StoreError> {
         let (mut points, mut places) = (Vec::new(), None);
         self.verified("record", condition, parameters, |row| {

@@ -20,7 +20,7 @@ use std::sync::Arc;
 const LOSS_RECORDS: usize = 2;
 
 /// Least silence worth an alarm, in usual distances between records.
-const SILENCE_INTERVALS: f64 = 3.5;
+pub const SILENCE_INTERVALS: f64 = 3.5;
 
 /// One rod's fold: its state and the data derived from it.
 #[derive(Clone)]

@@ -116,7 +116,7 @@ pub struct Prepared {
 pub fn site(config: Config, store: Option<&Path>, given_up: &GivenUp) -> anyhow::Result<Prepared> {
     let store = match store.or(config.store.path.as_deref()) {
         Some(path) => Store::open(path, Durability::Replay)?,
-        None => Store::in_memory()?,
+        None => Store::transient()?,
     };
     if let Some(aside) = store.moved_aside() {
         tell!(
@@ -137,6 +137,9 @@ pub fn site(config: Config, store: Option<&Path>, given_up: &GivenUp) -> anyhow:
     }
     let plans = generation.track_plans.iter().cloned();
     let site = Site::open(plans, store, generation.provenance())?;
+    for rod in site.unfollowed() {
+        tell!("warning: {rod} is in the store, but not in the configuration: no record of it is taken");
+    }
     for (rod, segment) in site.renewed() {
         tell!(
             "warning: the settings of {rod} changed: its new records begin a new baseline (segment {segment}); records \

@@ -5,10 +5,11 @@ sampling from a t distribution about the posterior of three frequencies, found b
 that sample. Prints one line per measurement: mean over rods of the standard deviation left, its standard error, worst effective
 sample size. Usage: sampler.py paper|informed [RODS] [DRAWS]
 """
+import os
 import sys
 import numpy as np
 
-ELEMENTS, LENGTH = 20, 14.0
+ELEMENTS, LENGTH = int(os.environ.get("ELEMENTS", 20)), 14.0
 BEND = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4.0]])
 TENSION = np.array([[36, 3, -36, 3], [3, 4, -3, -1], [-36, -3, 36, -3], [3, -1, -3, 4.0]]) / 30
 MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4.0]]) / 420

@@ -1,12 +1,9 @@
 //! Place of an observation among the records the prior simulates.
 
 use super::distance::Target;
-use super::table::{NoiseTable, Table};
+use super::table::{NoiseTable, PLACED, Table};
 use crate::rod::beam::forward::MAX_MODES;
 use nalgebra::SMatrix;
-
-/// Number of draws with which the observation is compared.
-const DRAWS: usize = 4096;
 
 /// Logarithms of the observed modes' frequencies.
 type Row = [f64; MAX_MODES];
@@ -27,7 +24,7 @@ pub(super) struct Place {
 /// (farthest 3.5, 99 % point 2.3); one with an end ends there, because both points lie at the end.
 const BEYOND: f64 = 2.0;
 
-/// The observation among the table's first [`DRAWS`] draws, error and discrepancy included, all by the logarithms of the
+/// The observation among the table's first [`PLACED`] draws, error and discrepancy included, all by the logarithms of the
 /// frequencies: a prior of the force over decades has no other scale. In the middle if the draws have no
 /// spread.
 pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) -> Place {
@@ -39,14 +36,14 @@ pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) ->
         }
         row
     };
-    let rows: Vec<Row> = (0..table.draws().min(DRAWS))
+    let rows: Vec<Row> = (0..table.draws().min(PLACED))
         .map(|draw| {
             entries(&|i| {
                 let term = &target.terms()[i];
                 let frequency = table.frequency(draw, term.mode);
                 let error = Target::simulated(term, frequency, noise.at(draw, term.mode, 0)) - frequency;
                 // The error is that of the observed frequency: as a share of a much lower one it would be no error of this record.
-                libm::log(f64::from(frequency)) + f64::from(error / frequency.max(term.observed))
+                table.logarithms(term.mode)[draw] + f64::from(error / frequency.max(term.observed))
             })
         })
         // No answer.
@@ -100,9 +97,10 @@ pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) ->
             .iter()
             .map(|row| (row[i] - mean[i]).copysign(off * (row[i] - mean[i])))
             .collect();
-        outward.sort_unstable_by(f64::total_cmp);
-        let farthest = outward[outward.len() - 1];
-        let nearly = outward[99 * (outward.len() - 1) / 100];
+        // The covariance has a root: there are draws.
+        let at = 99 * (outward.len() - 1) / 100;
+        let (_, &mut nearly, beyond) = outward.select_nth_unstable_by(at, f64::total_cmp);
+        let farthest = beyond.iter().copied().fold(nearly, f64::max);
         distance = distance.min(off.abs() / farthest);
         is_outside &= off.abs() > farthest + BEYOND * (farthest - nearly);
     }

@@ -25,7 +25,11 @@ pub struct Table {
     invalid: usize,
     parameters: Vec<f32>,
     frequencies: Vec<f32>,
+    logarithms: OnceLock<Vec<f64>>,
 }
+
+/// Number of draws among which an observation is placed.
+pub(super) const PLACED: usize = 4096;
 
 impl Table {
     /// Draws `draws` parameter vectors from the prior and computes `modes` frequencies of each. Block b uses
@@ -101,6 +105,7 @@ impl Table {
             invalid,
             parameters,
             frequencies,
+            logarithms: OnceLock::new(),
         }
     }
 
@@ -141,6 +146,19 @@ impl Table {
     /// Model frequency of one draw \[Hz\], `mode` counted from zero; NaN for an invalid draw.
     pub fn frequency(&self, draw: usize, mode: usize) -> f32 {
         self.block(draw / BLOCK, mode)[draw % BLOCK]
+    }
+
+    /// Natural logarithms of the first [`PLACED`] draws' frequencies in one mode (counted from zero), NaN for invalid draws; each
+    /// record asks for the same ones.
+    pub(super) fn logarithms(&self, mode: usize) -> &[f64] {
+        let draws = self.draws.min(PLACED);
+        let all = self.logarithms.get_or_init(|| {
+            let modes = 0..self.modes;
+            modes
+                .flat_map(|mode| (0..draws).map(move |draw| libm::log(f64::from(self.frequency(draw, mode)))))
+                .collect()
+        });
+        &all[mode * draws..][..draws]
     }
 
     /// Model frequencies of one block in one mode (counted from zero), [`BLOCK`] entries; NaN where

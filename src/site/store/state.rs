@@ -39,8 +39,11 @@ pub(super) fn kept<T: Serialize + DeserializeOwned + PartialEq>(
 
 /// The states as stored, without their periods and without the drift watch, which is large: a receipt shows
 /// if that has changed.
-#[derive(Default)]
-pub(super) struct Kept(BTreeMap<RodId, Before>);
+pub(super) struct Kept {
+    states: BTreeMap<RodId, Before>,
+    /// False for a store that nobody can resume from: of the states, their segments alone are written then.
+    is_resumable: bool,
+}
 
 struct Before {
     state: State,
@@ -59,13 +62,21 @@ impl Before {
 }
 
 impl Kept {
+    /// Of a store whose states are not known yet.
+    pub(super) fn new(is_resumable: bool) -> Self {
+        Self {
+            states: BTreeMap::new(),
+            is_resumable,
+        }
+    }
+
     /// Forgets the state in the store: the next write of this rod writes everything.
     pub(super) fn distrust(&mut self, rod: &RodId) {
-        self.0.remove(rod);
+        self.states.remove(rod);
     }
 
     pub(super) fn trust(&mut self, state: &State) {
-        self.0.insert(state.rod.clone(), Before::of(state));
+        self.states.insert(state.rod.clone(), Before::of(state));
     }
 
     /// Writes the parts of a state that differ from those in the store.
@@ -76,11 +87,21 @@ impl Kept {
         changed: &mut Changed,
     ) -> Result<(), Failure> {
         let mut fresh = false;
-        let known = self.0.entry(state.rod.clone()).or_insert_with(|| {
+        let known = self.states.entry(state.rod.clone()).or_insert_with(|| {
             fresh = true;
             Before::of(state)
         });
         let rod = &state.rod.0;
+        let before = &mut known.state;
+        if fresh || before.segment != state.segment {
+            write_segment(connection, rod, &state.segment)?;
+            changed.note("segment", [rod.clone().into(), state.segment.number.into()]);
+            write_part(connection, rod, SEGMENT, state.segment.number.to_string())?;
+            before.segment.clone_from(&state.segment);
+        }
+        if !self.is_resumable {
+            return Ok(());
+        }
         if fresh || !state.watch.is_as_of(&known.watch) {
             let json = state.watch.json().map_err(|error| StoreError::NotStorable {
                 what: WATCH.to_owned(),
@@ -88,13 +109,6 @@ impl Kept {
             })?;
             write_part(connection, rod, WATCH, json)?;
             known.watch = state.watch.receipt();
-        }
-        let before = &mut known.state;
-        if fresh || before.segment != state.segment {
-            write_segment(connection, rod, &state.segment)?;
-            changed.note("segment", [rod.clone().into(), state.segment.number.into()]);
-            write_part(connection, rod, SEGMENT, state.segment.number.to_string())?;
-            before.segment.clone_from(&state.segment);
         }
         // Named one by one, so that a new field of the state cannot be forgotten here: it does not compile.
         macro_rules! parts {
@@ -293,6 +307,13 @@ pub(super) fn time(text: &str) -> Result<Timestamp, StoreError> {
         what: format!("the time {text}"),
         detail: error.to_string(),
     })
+}
+
+/// Status of a rod that is no longer configured.
+pub(super) fn not_followed() -> RodState {
+    RodState::NotMonitoring {
+        reason: "not in the configuration: no record of it is taken".to_owned(),
+    }
 }
 
 /// Status of a rod by its state alone, for changes while no fold runs. The settings are not known here: a baseline that was

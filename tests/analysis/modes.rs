@@ -1235,3 +1235,41 @@ fn every_prior_has_a_band() {
     let (low_hz, high_hz) = with(&exact);
     assert!(low_hz < 5.4 && high_hz > 40.0, "{low_hz} to {high_hz}");
 }
+
+/// A mode assigned by hand is looked for where the hand says, also beyond the frequencies that the prior expects.
+#[test]
+fn windows_beyond_the_priors_band_are_searched() {
+    let window = |order, low_hz, high_hz| ModeWindow {
+        order,
+        low_hz,
+        high_hz,
+    };
+    let settings = ModeSettings {
+        windows: vec![window(1, 0.2, 0.4), window(12, 400.0, 410.0)],
+        ..ModeSettings::default()
+    };
+    let plan = LabelPlan::new(&RodPrior::todi(), &[0.0; 3], settings).unwrap();
+    assert_eq!(plan.band_hz(), (0.2, 410.0));
+}
+
+/// Orders that rivals share are not hidden behind a sample rate below what the stiffest rod of the prior would need.
+#[test]
+fn modes_in_view_are_not_called_undersampled() {
+    let todi = RodPrior::todi();
+    let mut priors = todi.priors().to_vec();
+    priors[0] = Prior::LogUniform { low: 10e3, high: 8e6 };
+    let prior = RodPrior::new(*todi.parameterisation(), priors).unwrap();
+    let labels = LabelPlan::new(&prior, &[0.0; 3], ModeSettings::default()).unwrap();
+    let plan = ModalPlan::new(WelchSettings::default(), PeakSettings::default(), labels);
+    let found = |frequencies: &[f64]| {
+        let resonances: Vec<Resonance> = frequencies.iter().map(|&hz| resonance(hz)).collect();
+        plan.label(&resonances, MotionKind::Ambient, 60.0, 30.0)
+    };
+    // Two peaks that may be modes 1, 2 or 2, 4.
+    let (rejection, labels) = found(&[4.0, 8.1]).unwrap_err();
+    assert_eq!(rejection.code(), "no-label", "{rejection} {labels:?}");
+    // No peak at all, and one alone, may be for want of samples.
+    for few in [&[][..], &[4.0]] {
+        assert_eq!(found(few).unwrap_err().0.code(), "undersampled", "{few:?}");
+    }
+}

@@ -12,6 +12,8 @@ use crate::signal::spectrum::{
 
 /// Fewest periods of a frequency in a record for it to be searched.
 const LEAST_PERIODS: f64 = 15.0;
+/// Least probability of an assignment that shows the rod to be in view.
+const LIKELY: f64 = 0.1;
 /// Highest frequency searched, as a share of the sample rate.
 const HIGHEST: f64 = 0.48;
 /// Stretches from the onset searched for the peaks of a free decay \[s\]: a quickly damped mode drowns in the
@@ -163,7 +165,7 @@ impl ModalPlan {
                         duration_s,
                         needed_s: LEAST_PERIODS / low_hz,
                     }
-                } else if UNDERSAMPLED * fs_hz < needed_hz {
+                } else if UNDERSAMPLED * fs_hz < needed_hz && !is_series_seen(labels.as_ref()) {
                     Rejection::Undersampled { fs_hz, needed_hz }
                 } else {
                     rejection
@@ -281,6 +283,14 @@ impl PeakSearch {
         }
         peaks.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     }
+}
+
+/// True if a likely assignment names two orders or more: the rod is in view, and what hinders is something else than the sample rate.
+fn is_series_seen(labels: Option<&Labels>) -> bool {
+    labels.is_some_and(|labels| {
+        let mut all = labels.candidates.iter();
+        all.any(|one| one.probability >= LIKELY && one.modes.len() >= 2)
+    })
 }
 
 /// Range of frequencies with enough periods in a record of a length \[s\] and enough samples per period at its

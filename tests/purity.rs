@@ -52,6 +52,7 @@ const FLOORS: [&str; 69] = [
     "config",
     "site::clock",
     "site::hex",
+    "site::text",
     "site::ordered_map",
     "site::emulator_cache",
     "site::prepared",

@@ -69,6 +69,20 @@ impl Site {
     }
 }
 
+/// The unit of a record's samples, those of a rod's motion.
+fn motion(text: &str) -> PyResult<Unit> {
+    let unit =
+        Unit::as_written(text).ok_or_else(|| refused(tirante::recording::import::unknown_unit(text)))?;
+    if Unit::MOTION.contains(&unit) {
+        return Ok(unit);
+    }
+    let known: Vec<&str> = Unit::MOTION.iter().map(|unit| unit.key()).collect();
+    Err(refused(format!(
+        "unit: {text:?} is none of motion; {} are",
+        known.join(", ")
+    )))
+}
+
 /// Modes from order, frequency and standard error, ascending.
 pub(crate) fn modes(given: &[(usize, f64, f64)]) -> PyResult<Vec<Mode>> {
     let positive = |value: f64| value.is_finite() && value > 0.0;
@@ -190,8 +204,7 @@ impl Site {
         }
         let config = &self.generation.config;
         let unit = match unit {
-            Some(text) => Unit::as_written(text)
-                .ok_or_else(|| refused(tirante::recording::import::unknown_unit(text)))?,
+            Some(text) => motion(text)?,
             None => config
                 .rod(&rod.0)
                 .map_or(Unit::Metre, |rod| rod.channels.displacement.unit),
@@ -237,11 +250,7 @@ impl Site {
         unit: Option<&str>,
         start_ns: Option<i64>,
     ) -> PyResult<Records> {
-        let unit = unit
-            .map(|text| {
-                Unit::as_written(text).ok_or_else(|| refused(tirante::recording::import::unknown_unit(text)))
-            })
-            .transpose()?;
+        let unit = unit.map(motion).transpose()?;
         let others = Others {
             how: How {
                 rate_hz,

@@ -12,6 +12,10 @@ use tirante::analysis::track::Tracker as Inner;
 use tirante::site::prepared::Generation;
 use tirante::{Plan, Reading, RodId, TableRow, Timestamp};
 
+/// Begin of the times that can be meant, 1970-04-26: what nobody dated counts from 1970, and so does a number of
+/// seconds, milliseconds or microseconds that was taken for nanoseconds.
+const DATED: Timestamp = Timestamp::from_nanos(10_000_000_000_000_000);
+
 /// The fold over the records of a site's rods, in memory.
 #[pyclass(module = "tirante._core")]
 pub struct Tracker {
@@ -47,6 +51,13 @@ impl Tracker {
                 "frequencies without a time cannot be tracked: take_frequencies wants one",
             ));
         };
+        if let Some(start) = inner.start().filter(|start| *start < DATED) {
+            return Err(refused(format!(
+                "rod {}: a record of {start} has no time that can be tracked: nothing said when it began (`start` of `read` \
+                 and `record` does), or its time is not in nanoseconds",
+                inner.rod()
+            )));
+        }
         if !self.known.insert(identity) {
             return Ok(None);
         }
@@ -83,6 +94,10 @@ impl Tracker {
         rms: Option<f64>,
     ) -> PyResult<Option<Outcome>> {
         let start = Timestamp::from_nanos(start_ns);
+        let counts = |value: f64| value.is_finite() && value >= 0.0;
+        if !counts(duration_s) || !rms.is_none_or(counts) {
+            return Err(refused("duration_s and rms: numbers from 0 on are wanted"));
+        }
         let row = TableRow {
             start,
             duration_s,

@@ -150,6 +150,98 @@ def test_frequencies_of_a_table_are_tracked_as_by_the_program(tmp_path):
     assert tracker.take_frequencies(rows[0][0], rows[0][1], 0.002) is None
 
 
+def test_a_time_is_never_guessed(paper):
+    import datetime
+
+    from tirante.site import nanoseconds
+
+    stamp = pd.Timestamp("2026-01-01T00:00:00Z")
+    zoned = datetime.datetime(2026, 1, 1, 1, tzinfo=datetime.timezone(datetime.timedelta(hours=1)))
+    for same in (stamp, "2026-01-01", np.datetime64("2026-01-01"), zoned, stamp.value, np.int64(stamp.value)):
+        assert nanoseconds(same) == stamp.value
+    tracker = paper.tracker()
+    for missing in (pd.NaT, np.datetime64("NaT"), None, float("nan"), 1767225600.0, np.float64(1767225600), True):
+        with pytest.raises((TypeError, ValueError), match="time"):
+            tracker.take_frequencies(missing, PAPER, PAPER_SD)
+    # Seconds, milliseconds and microseconds as whole numbers, and no time at all.
+    for seconds in (0, 1_767_225_600, 1_767_225_600_000, 1_767_225_600_000_000):
+        with pytest.raises(ValueError, match="nanoseconds"):
+            tracker.take_frequencies(seconds, PAPER, PAPER_SD)
+
+
+def test_a_record_without_a_time_is_identified_but_not_tracked(paper, tmp_path):
+    (record,) = paper.read(ROOT / "recordings/todi-pull.mcap")
+    table = tmp_path / "undated.csv"
+    np.savetxt(table, record.samples(), header="displacement [m]", comments="")
+    undated = list(paper.read(table, rate_hz=record.fs_hz))
+    assert paper.identify(undated[0]).is_identified
+    config = tmp_path / "site.toml"
+    config.write_text(paper.effective)
+    program("replay", table, "--config", config, "--rate", record.fs_hz, "--store", tmp_path / "site.db", code=1)
+    for events in (undated, [paper.record(record.samples(), record.fs_hz)]):
+        with pytest.raises(ValueError, match="todi.*`start`"):
+            list(paper.track(events))
+    (outcome,) = paper.track(paper.read(table, rate_hz=record.fs_hz, start="2026-03-01T10:00Z"))
+    assert outcome.row["start"] == "2026-03-01T10:00:00Z"
+
+
+def test_masked_samples_and_frequencies_are_missing(paper):
+    t = np.arange(6_000) / 100.0
+    samples = 1e-4 * np.sin(2 * np.pi * 4.5 * t) * np.exp(-0.1 * t)
+    samples[2_000:2_003] = -9999.0
+    masked = np.ma.masked_equal(samples, -9999.0)
+    nan = np.where(masked.mask, np.nan, samples)
+    assert np.array_equal(paper.record(masked, 100.0).samples(), paper.record(nan, 100.0).samples())
+    assert np.abs(paper.record(masked, 100.0).samples()).max() < 2e-4
+    whole = np.ma.masked_array([1, 2, -9999], mask=[0, 0, 1])
+    assert np.array_equal(tirante.signals.samples_of(whole), [1.0, 2.0, np.nan], equal_nan=True)
+    with pytest.raises(TypeError, match="complex"):
+        paper.record(samples + 1j, 100.0)
+    wanted = paper.identify_frequencies([4.492, None, 13.252], 0.01).row
+    for missing in (np.nan, pd.NA, np.ma.masked):
+        assert paper.identify_frequencies([4.492, missing, 13.252], 0.01).row == wanted
+    assert paper.identify_frequencies(np.ma.masked_equal([4.492, -1.0, 13.252], -1.0), 0.01).row == wanted
+
+
+def test_a_record_is_motion(paper, tmp_path):
+    for unit in ("degC", "K", "ue"):
+        with pytest.raises(ValueError, match="unit.*motion.*m/s2"):
+            paper.record(np.zeros(10), 1.0, unit=unit)
+        with pytest.raises(ValueError, match="unit.*motion"):
+            paper.read(tmp_path / "any.csv", unit=unit)
+
+
+def test_names_of_rods_stay_text(tmp_path):
+    csv = tmp_path / "history.csv"
+    seed = "18446744073709551615"
+    csv.write_text(f"rod,start,state,axial_force_n,seed\n01,2026-01-01T00:00:00Z,learning,,{seed}\nNA,2026-01-02T00:00:00Z,null,1.5,\n")
+    table = tirante.read_results(csv)
+    assert table["rod"].tolist() == ["01", "NA"]
+    assert table["state"].tolist() == ["learning", "null"]
+    assert table["axial_force_n"].isna().tolist() == [True, False]
+    assert table["seed"].isna().tolist() == [False, True] and table["seed"][0] == seed
+    assert str(table["start"].dtype).endswith(", UTC]")
+
+
+def test_amplitude_and_length_of_a_row_count_as_in_a_table(tmp_path):
+    config = ROOT / "config/minimal.toml"
+    site = tirante.Site.load(config)
+    truth = dict(zip(site.quantities(), [150e3, 190e9, 7600, 0.045, 1e5, 1e5, 12.5]))
+    hz = site.frequencies(truth)
+    # The tenth day's sensor gives millimetres for metres.
+    rows = [(f"{np.datetime64('2026-01-01') + day}T00:00:00Z", 1e-5 if day != 9 else 1e-2) for day in range(12)]
+    table = tmp_path / "table.csv"
+    given = ",".join(f"{f!r},0.002" for f in hz)
+    table.write_text("time,duration_s,rms,f1_hz,sd1_hz,f2_hz,sd2_hz,f3_hz,sd3_hz\n" + "".join(f"{time},600,{rms!r},{given}\n" for time, rms in rows))
+    tracker = site.tracker()
+    followed = [tracker.take_frequencies(time, hz, 0.002, duration_s=600, rms=rms).row for time, rms in rows]
+    assert followed == lines(program("track", table, "--config", config, "--format", "json"))
+    assert [row["set_aside"] for row in followed].count("amplitude") == 1
+    for wrong in ({"rms": -1.0}, {"rms": float("nan")}, {"duration_s": float("inf")}):
+        with pytest.raises(ValueError, match="rms"):
+            tracker.take_frequencies("2027-01-01", hz, 0.002, **wrong)
+
+
 def test_resonances_of_an_array():
     t = np.arange(12_000) / 200.0
     signal = sum(np.exp(-0.002 * 2 * np.pi * n * 5 * t) * np.sin(2 * np.pi * n * 5 * t) / n for n in (1, 2, 3))

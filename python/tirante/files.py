@@ -16,6 +16,11 @@ _APPLICATION = 0x54697261
 _TABLES = {"records": "record", "periods": "period", "alarms": "alarm", "modes": "mode"}
 # The default reads numbers back to the bit from pandas 3.1 on.
 _EXACT = {} if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1) else {"float_precision": "round_trip"}
+# Text columns of the program's CSV, text however they look: a rod may be called 01 or NA.
+_TEXT = (
+    "acknowledged_words", "alarms", "config", "emulator", "events", "file", "flags", "id", "kind", "message", "parameters",
+    "rejection", "rejection_message", "rod", "seed", "set_aside", "site", "state", "state_reason",
+)
 _TIMES = ("start", "raised", "acknowledged", "cleared")
 
 
@@ -63,7 +68,8 @@ def read_results(path: Union[str, PathLike[str]]) -> pd.DataFrame:
     if ending == ".parquet":
         return _times(pd.read_parquet(path))
     if ending == ".csv":
-        return _times(pd.read_csv(path, **_EXACT))
+        # Only an empty cell is a missing value.
+        return _times(pd.read_csv(path, dtype=dict.fromkeys(_TEXT, str), keep_default_na=False, na_values=[""], **_EXACT))
     with open(path, encoding="utf-8") as lines:
         rows = [json.loads(line) for line in lines if line.strip()]
     return _times(pd.json_normalize(rows))

@@ -13,7 +13,11 @@ from . import _core
 
 
 def samples_of(values: ArrayLike) -> NDArray[np.float64]:
-    """One contiguous row of doubles; an array that is one already is not copied."""
+    """One contiguous row of doubles; an array that is one already is not copied. Masked samples are missing, NaN."""
+    if np.iscomplexobj(values):
+        raise TypeError("samples: real numbers are wanted, these are complex")
+    if isinstance(values, np.ma.MaskedArray):
+        values = values.astype(np.float64).filled(np.nan)
     given = np.asarray(values, dtype=np.float64, order="C")
     if given.ndim != 1:
         raise ValueError(f"samples: one row is wanted, the array has {given.ndim} dimensions")

@@ -24,26 +24,35 @@ Prior = Union[float, Mapping[str, float]]
 
 def nanoseconds(time: Time) -> int:
     """Nanoseconds since 1970; a time without a zone is UTC, a whole number is nanoseconds already."""
+    if isinstance(time, (float, np.floating, bool, np.bool_)):
+        # pandas would take 1767225600.0, which is seconds, for nanoseconds.
+        raise TypeError(f"time: {time!r} has no unit; whole nanoseconds since 1970 or a pandas.Timestamp are wanted")
     if isinstance(time, (int, np.integer)):
         return int(time)
     stamp = pd.Timestamp(time)
+    if stamp is pd.NaT:
+        raise ValueError("time: it is missing (NaT)")
     stamp = stamp.tz_localize("UTC") if stamp.tzinfo is None else stamp.tz_convert("UTC")
     return int(stamp.as_unit("ns").value)
+
+
+def _is_missing(value: object) -> bool:
+    return value is np.ma.masked or bool(pd.isna(value))
 
 
 def given_modes(
     frequencies_hz: Sequence[float | None], sd_hz: float | Sequence[float | None]
 ) -> list[tuple[int, float, float]]:
-    """Order, frequency and standard error of the modes that were measured: `None` or NaN stands for one that was not."""
+    """Order, frequency and standard error of the modes that were measured: `None`, NaN, NA or a masked value stands for one that was not."""
     errors = [sd_hz] * len(frequencies_hz) if isinstance(sd_hz, (int, float)) else list(sd_hz)
     if len(errors) != len(frequencies_hz):
         raise ValueError(f"sd_hz has {len(errors)} entries, frequencies_hz {len(frequencies_hz)}")
     modes = []
     for order, (hz, sd) in enumerate(zip(frequencies_hz, errors), start=1):
-        if hz is None or np.isnan(hz):
+        if _is_missing(hz):
             continue
-        if sd is None:
-            raise ValueError(f"sd_hz: mode {order} was measured, its error is None")
+        if _is_missing(sd):
+            raise ValueError(f"sd_hz: mode {order} was measured, its error is missing")
         modes.append((order, float(hz), float(sd)))
     return modes
 
@@ -153,7 +162,8 @@ class Site:
     ) -> Event:
         """A record from evenly spaced samples in `unit` (else in that of the rod's channel), after the quality checks.
 
-        Missing samples are NaN. The samples are copied: the checks may repair them, and the record keeps them.
+        Missing samples are NaN, or masked. The samples are copied: the checks may repair them, and the record keeps them.
+        Without `start` it can be identified, not tracked.
         """
         return self._core.record(
             samples_of(samples), fs_hz, nanoseconds(start), rod=rod, unit=unit, temperature_c=temperature_c
@@ -169,7 +179,8 @@ class Site:
     ) -> Records:
         """Records of recordings and other programs' files, or folders of them, in the order of their times.
 
-        An iterator; a file that cannot be read, or has no topic of the site, is an error. `notes` of it tell of damage.
+        An iterator; a file that cannot be read, or has no topic of the site, is an error. `notes` of it tell of damage. Records
+        of a file that does not say when it began can be identified, but tracked only with `start`.
         """
         return self._core.read(
             [paths] if isinstance(paths, (str, PathLike)) else list(paths),
@@ -183,7 +194,10 @@ class Site:
         return Outcome(self._core.identify(record))
 
     def track(self, records: Iterable[Event]) -> Iterator[Outcome]:
-        """Results of records with their relative force, in the order of event time, as `tirante replay` prints them."""
+        """Results of records with their relative force, in the order of event time, as `tirante replay` prints them.
+
+        A record without a time is refused, as by `tirante replay`.
+        """
         tracker = self.tracker()
         for record in records:
             outcome = tracker.take(record)
@@ -218,10 +232,17 @@ class Tracker:
         *,
         rod: str | None = None,
         temperature_c: float | None = None,
+        duration_s: float = 0.0,
+        rms: float | None = None,
     ) -> Outcome | None:
-        """Takes frequencies identified elsewhere, as `tirante track` takes a row of a table."""
+        """Takes frequencies identified elsewhere, as `tirante track` takes a row of a table.
+
+        `rms` of the samples, in one unit throughout, tells a sensor whose gain changed; the record lasted `duration_s`.
+        """
         modes = given_modes(frequencies_hz, sd_hz)
-        taken = self._core.take_frequencies(self._one(rod), nanoseconds(time), modes, temperature_c=temperature_c)
+        taken = self._core.take_frequencies(
+            self._one(rod), nanoseconds(time), modes, temperature_c=temperature_c, duration_s=duration_s, rms=rms
+        )
         return None if taken is None else Outcome(taken)
 
     def state(self, rod: str | None = None) -> str:

@@ -1,7 +1,7 @@
 //! `tirante check`: reports every fault of a configuration at once, or prints the effective one.
 
 use crate::config::{Config, ConfigError, Setting};
-use crate::site::baselines::{self, Fate, Prospect};
+use crate::site::baselines::{self, Prospect};
 use crate::site::store::Reader;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -58,7 +58,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 /// Reports the effect of the configuration on the baselines of a store; only those that would be lost, if quiet.
 fn against(config: &Config, store: &Path, is_quiet: bool) -> anyhow::Result<ExitCode> {
     let prospects = baselines::prospects(&Reader::open(store)?, config)?;
-    let is_lost = |prospect: &Prospect| matches!(prospect.fate, Fate::Lost(_));
+    let is_lost = |prospect: &Prospect| prospect.fate.is_loss();
     let told = prospects.iter().filter(|prospect| !is_quiet || is_lost(prospect));
     let lines: Vec<String> = told.map(|prospect| format!("{prospect}\n")).collect();
     super::print(lines.concat().as_bytes())?;

@@ -1,5 +1,6 @@
 //! Output of rows: aligned, JSON, CSV.
 
+use crate::site::text::escaped;
 use rusqlite::types::Value;
 use serde_json::Value as Json;
 use std::env;
@@ -63,17 +64,17 @@ impl Aligned {
         }
     }
 
-    /// Adds a row.
+    /// Adds a row. Names may come from anywhere: what no line should have is escaped.
     pub fn push(&mut self, cells: Vec<String>) {
         self.rows.push(Row {
-            cells,
+            cells: cells.iter().map(|cell| escaped(cell).into_owned()).collect(),
             is_loud: false,
         });
     }
 
     /// Adds a line under the last row, outside the columns.
     pub fn note(&mut self, text: String) {
-        self.push(vec![text]);
+        self.push(vec![text.replace('\n', " ")]);
     }
 
     /// Emphasises the last row or line where there are colours.
@@ -265,6 +266,19 @@ fn seconds(time: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_tear_no_table() {
+        let mut table = Aligned::new(&["file", ">bytes"]);
+        table.push(vec!["x\nforged".to_owned(), "1".to_owned()]);
+        table.note("by Eve\nfake \u{1b}]0;title\u{7}".to_owned());
+        let text = table.print(false);
+        assert_eq!(text.lines().count(), 4, "{text}");
+        assert!(
+            text.contains("x\\nforged") && text.contains("by Eve fake \\u{1b}]0;title\\u{7}"),
+            "{text}"
+        );
+    }
 
     #[test]
     fn cells_that_would_break_a_line_are_quoted() {

@@ -11,6 +11,10 @@ const MOST_BARE_M: f64 = 0.5;
 const LARGEST_M: f64 = 0.5;
 /// Shortest rod accepted \[m\].
 const SHORTEST_M: f64 = 0.2;
+/// Largest ratio of two sizes that one unit serves; the flattest common bar is 100 x 5 mm.
+const FLATTEST: f64 = 25.0;
+/// The same where the second size is bare behind a unit that is not millimetres.
+const FLAT: f64 = 5.0;
 /// Longest length without a unit that is taken in metres \[m\].
 const LONGEST_BARE_M: f64 = 100.0;
 
@@ -249,14 +253,31 @@ const SHAPES: [(&str, Shape); 14] = [
 pub fn section(text: &str) -> Result<Section, String> {
     let text = text.trim().to_lowercase();
     if let Some((width, height)) = text.split_once(['x', '\u{d7}', '*']) {
-        let (width, width_unit) = number(width.trim())?;
-        let (height, unit) = number(height.trim())?;
-        // One unit at the end serves both; two bare sizes must be of one.
-        if width_unit.is_empty() && unit.is_empty() && (width < LEAST_BARE_MM) != (height < LEAST_BARE_MM) {
+        let (first, first_unit) = number(width.trim())?;
+        let (second, second_unit) = number(height.trim())?;
+        // Two bare sizes must be of one unit.
+        let is_bare = first_unit.is_empty() && second_unit.is_empty();
+        if is_bare && (first < LEAST_BARE_MM) != (second < LEAST_BARE_MM) {
             return Err(format!("{text} of which unit? {text} mm, or {text} m"));
         }
-        let width_unit = if width_unit.is_empty() { unit } else { width_unit };
-        let (width, height) = (size(width, width_unit)?, size(height, unit)?);
+        // One unit serves both sizes, behind either of them.
+        let shared = if second_unit.is_empty() {
+            first_unit
+        } else {
+            second_unit
+        };
+        let own = |unit| if unit == "" { shared } else { unit };
+        let (width, height) = (size(first, own(first_unit))?, size(second, own(second_unit))?);
+        // A bare size in millimetres behind another unit, `2 cm x 30`, or in metres: `0.04 x 60 mm`.
+        let flattest = match (first_unit, second_unit) {
+            ("cm" | "in" | "m", "") => FLAT,
+            _ => FLATTEST,
+        };
+        let is_shared = !is_bare && (first_unit.is_empty() || second_unit.is_empty());
+        if is_shared && width.max(height) > flattest * width.min(height) {
+            let bare = if first_unit.is_empty() { first } else { second };
+            return Err(format!("{bare} of which unit? write one behind both sizes"));
+        }
         return Ok(Section::Known(match width == height {
             true => Profile::Square(width),
             false => Profile::Rectangle(width, height),
@@ -385,6 +406,12 @@ mod tests {
             ("40x40 mm", known(Profile::Square(0.04))),
             ("40x60 mm", known(Profile::Rectangle(0.04, 0.06))),
             ("40 mm x 6 cm", known(Profile::Rectangle(0.04, 0.06))),
+            ("2 cm x 3", known(Profile::Rectangle(0.02, 0.03))),
+            ("2 x 3 cm", known(Profile::Rectangle(0.02, 0.03))),
+            ("1 in x 2", known(Profile::Rectangle(0.0254, 0.0508))),
+            ("0.02 m x 0.03", known(Profile::Rectangle(0.02, 0.03))),
+            ("40 mm x 60", known(Profile::Rectangle(0.04, 0.06))),
+            ("0.5 mm x 4 cm", known(Profile::Rectangle(0.0005, 0.04))),
             ("0.06x0.02", known(Profile::Rectangle(0.06, 0.02))),
             ("60 \u{d7} 20", known(Profile::Rectangle(0.06, 0.02))),
             ("40 mm", Ok(Section::Size(0.04))),
@@ -399,6 +426,9 @@ mod tests {
         for (text, reason) in [
             ("0.9", "0.9 mm, or 0.9 m"),
             ("0.5x60", "of which unit"),
+            ("0.04 x 60 mm", "0.04 of which unit"),
+            ("60 mm x 0.04", "0.04 of which unit"),
+            ("2 cm x 30", "30 of which unit"),
             ("d", "number"),
             ("40 kg", "is no unit"),
             ("2 m", "is no size"),

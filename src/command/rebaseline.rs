@@ -58,9 +58,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         );
     }
     drop(reader);
-    let what = Asked::Rebaseline {
-        reason: args.reason.clone(),
-    };
+    let what = Asked::rebaseline(args.reason.as_deref());
     let requests: Vec<_> = rod.into_iter().map(|rod| (rod, what.clone())).collect();
     ask(&path, &requests, clock::now())?;
     super::print(format!("a new baseline of {} begins with its next record\n", args.rod).as_bytes())

@@ -9,6 +9,9 @@ use std::io::BufRead;
 /// Largest section of a wire \[m^2\]: 8 mm in diameter.
 const WIRE_M2: f64 = 5e-5;
 
+/// Least length over thickness of anything that vibrates like a slender beam; a tie-rod has 50 to 500.
+const LEAST_SLENDERNESS: f64 = 5.0;
+
 /// Facts of a rod from flags.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct RodFlags {
@@ -157,6 +160,18 @@ impl Rod {
                 profile
             }
         };
+        let thickness_m = profile
+            .dimensions()
+            .iter()
+            .fold(0.0, |most: f64, (_, size)| most.max(*size));
+        if length_m < LEAST_SLENDERNESS * thickness_m {
+            return Err(BadArguments(format!(
+                "{} long and {} thick is no tie-rod: check --length and --section, and their units",
+                metres(length_m),
+                millimetres(thickness_m)
+            ))
+            .into());
+        }
         let material = match flags.material {
             Some(material) => material,
             None => questions.ask("material (iron, steel)", "--material", Material::read)?,
@@ -283,6 +298,8 @@ mod tests {
         };
         assert!(missing(&[]).starts_with("--length, --section and --material are needed"));
         assert!(missing(&["--length", "3", "--section", "d40"]).starts_with("--material is needed"));
+        let thick = ["--length", "14.500 mm", "--section", "d45", "--material", "iron"];
+        assert!(missing(&thick).starts_with("0.0145 m long and 45 mm thick is no tie-rod"));
         // Half a section is none.
         let said = missing(&["--length", "3", "--section", "40 mm", "--material", "iron"]);
         assert!(said.contains("--section 'd 40 mm'"), "{said}");

@@ -2,7 +2,7 @@
 
 use crate::analysis::findings::hertz;
 use crate::analysis::record_view::Snapshot;
-use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::signal::record::RodId;
 use crate::command::report_page::terminal::Sketch;
 use crate::site::store::{Reader, StoreError};
 use std::io::{self, IsTerminal};
@@ -10,7 +10,7 @@ use std::io::{self, IsTerminal};
 /// Default number of characters of a line.
 const WIDTH: usize = 80;
 /// Most records of a force plot.
-const MOST: usize = 100_000;
+pub const MOST: usize = 100_000;
 
 /// Condition for drawing plots.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -65,14 +65,13 @@ pub fn spectrum(snapshot: &Snapshot, width: usize) -> String {
     sketch.draw(width)
 }
 
-/// The change of a rod's force since its baseline, or its force while there is none, over time; empty for
-/// fewer than two records.
+/// The change of a rod's force since its baseline, or its force while there is none, over the time of its last records, at
+/// most `most`; empty for fewer than two records.
 ///
 /// # Errors
 /// The store cannot be read.
-pub fn force(reader: &Reader, rod: &RodId, width: usize) -> Result<String, StoreError> {
-    let always = (Timestamp::from_nanos(i64::MIN), Timestamp::MAX);
-    let found = reader.points_between(rod, always.0, always.1, MOST)?;
+pub fn force(reader: &Reader, rod: &RodId, most: usize, width: usize) -> Result<String, StoreError> {
+    let found = reader.last_points(rod, most)?;
     let counted = || found.iter().filter(|point| point.set_aside.is_none());
     let column = |value: fn(&crate::site::store::Point) -> Option<f64>| -> Vec<(f64, f64)> {
         counted()
@@ -100,7 +99,11 @@ pub fn force(reader: &Reader, rod: &RodId, width: usize) -> Result<String, Store
     let Some((what, points)) = choices.into_iter().find(|(_, points)| points.len() > 1) else {
         return Ok(String::new());
     };
-    let title = format!("{rod}: {what}");
+    let title = if found.len() < most {
+        format!("{rod}: {what}")
+    } else {
+        format!("{rod}: {what}, the last {most} records")
+    };
     let sketch = Sketch {
         title: &title,
         points: &points,

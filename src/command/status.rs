@@ -5,9 +5,11 @@ use super::render::signed_percent;
 use super::which_store::{Format, WhichStore, check_rod};
 use crate::analysis::findings::Doubt;
 use crate::analysis::signal::record::{RodId, Timestamp};
-use crate::service::api::{Goals, Monitoring, RodStatus};
+use crate::service::api::{Monitoring, RodStatus, Terms};
 use crate::site::clock;
 use crate::site::store::{self, Reader};
+use crate::site::text::escaped;
+use serde::Serialize;
 use std::process::ExitCode;
 
 /// Show the state of every rod: force, change, alarms.
@@ -24,8 +26,8 @@ temperature. A '~' says that they are not: they are those of the latest record
 at its own temperature, uncompensated. Before there is a baseline the force is
 that of the latest record alone. '!' and '?' say that the force may be wrong, by
 the latest record that counts; a baseline does not mend that. The exit code says
-whether the store could be read, not whether an alarm stands: read `alarms` of
---format json for that.")]
+whether the store could be read, not whether an alarm stands or the site is
+measured: read `alarms`, `is_stale` and `monitoring` of --format json for that.")]
 pub struct Args {
     /// Store to read.
     #[command(flatten)]
@@ -47,12 +49,17 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let reader = Reader::open(&args.which.path()?)?;
     let rod = check_rod(&reader, args.rod.as_deref())?;
-    let text = text(&reader, rod.as_ref(), args.format)?;
-    let held = store::is_held(reader.path());
-    if let Some(monitoring) = Monitoring::of(&reader, held, clock::now())? {
-        for sentence in monitoring.sentences() {
-            tell!("{sentence}");
-        }
+    let now = clock::now();
+    let monitoring = Monitoring::of(&reader, store::is_held(reader.path()), now)?;
+    let rows = rows(&reader, rod.as_ref())?;
+    let text = match args.format {
+        _ if rows.is_empty() => String::new(),
+        Format::Json => json(&rows, monitoring.as_ref(), now)?,
+        Format::Csv => spreadsheet(&rows, monitoring.as_ref(), now),
+        Format::Table => table(&rows, now),
+    };
+    for sentence in monitoring.iter().flat_map(Monitoring::sentences) {
+        tell!("{}", escaped(&sentence));
     }
     if text.is_empty() {
         tell!("{} has no records yet", reader.path().display());
@@ -60,42 +67,56 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     super::print(text.as_bytes())
 }
 
-/// Status of the rods of a store, or of one; empty if it has no rod yet.
+/// Table of the status of a store's rods; empty if it has no rod yet.
 ///
 /// # Errors
 /// The store cannot be read.
-pub fn text(reader: &Reader, rod: Option<&RodId>, format: Format) -> anyhow::Result<String> {
+pub fn text(reader: &Reader) -> anyhow::Result<String> {
+    let rows = rows(reader, None)?;
+    Ok(if rows.is_empty() {
+        String::new()
+    } else {
+        table(&rows, clock::now())
+    })
+}
+
+fn rows(reader: &Reader, rod: Option<&RodId>) -> anyhow::Result<Vec<RodStatus>> {
     let mut rows = Vec::new();
-    let goals = Goals::of(reader)?;
+    let terms = Terms::of(reader)?;
     for standing in reader.standings()? {
         if rod.is_none_or(|rod| *rod == standing.rod) {
             let counts = reader.counts(&standing.rod)?;
-            rows.push(RodStatus::of(standing, counts, goals)?);
+            rows.push(RodStatus::of(standing, counts, terms)?);
         }
     }
-    if rows.is_empty() {
-        Ok(String::new())
-    } else {
-        print(&rows, format)
-    }
+    Ok(rows)
 }
 
-fn print(rows: &[RodStatus], format: Format) -> anyhow::Result<String> {
-    match format {
-        Format::Json => {
-            let mut out = String::new();
-            for row in rows {
-                out += &serde_json::to_string(row)?;
-                out.push('\n');
-            }
-            Ok(out)
-        }
-        Format::Csv => Ok(spreadsheet(rows)),
-        Format::Table => Ok(table(rows)),
-    }
+/// A line of JSON: the rod's status, and what says that it may be none.
+#[derive(Serialize)]
+struct Line<'a> {
+    #[serde(flatten)]
+    rod: &'a RodStatus,
+    /// True if the latest record is older than `stale_after_s`.
+    is_stale: bool,
+    /// State of the site's monitoring; `null` if no daemon ever worked on the store.
+    monitoring: Option<&'a Monitoring>,
 }
 
-fn table(rows: &[RodStatus]) -> String {
+fn json(rows: &[RodStatus], monitoring: Option<&Monitoring>, now: Timestamp) -> anyhow::Result<String> {
+    let mut out = String::new();
+    for rod in rows {
+        out += &serde_json::to_string(&Line {
+            rod,
+            is_stale: rod.is_stale(now),
+            monitoring,
+        })?;
+        out.push('\n');
+    }
+    Ok(out)
+}
+
+fn table(rows: &[RodStatus], now: Timestamp) -> String {
     let mut table = Aligned::new(&[
         "rod",
         "state",
@@ -152,6 +173,18 @@ fn table(rows: &[RodStatus]) -> String {
             counted(row.records, "record"),
             row.rejected_share() * 100.0
         ));
+        if row.records_ahead > 0 {
+            table.note(format!(
+                "{} dated after that by a wrong clock",
+                counted(row.records_ahead, "record")
+            ));
+        }
+        // The alarm says it itself.
+        if row.is_stale(now) && row.stale_after_s > Some(0.0) {
+            table.note(
+                "no new data: the latest record is older than the silence that raises an alarm".to_owned(),
+            );
+        }
         if row.relative_force.is_some() && !row.compensated {
             table.note(
                 "uncompensated: force and change are those at the temperature of the latest record"
@@ -193,7 +226,7 @@ fn day(time: Timestamp) -> String {
     time.to_string().chars().take(10).collect()
 }
 
-fn spreadsheet(rows: &[RodStatus]) -> String {
+fn spreadsheet(rows: &[RodStatus], monitoring: Option<&Monitoring>, now: Timestamp) -> String {
     let mut out = csv([
         "rod",
         "state",
@@ -218,6 +251,9 @@ fn spreadsheet(rows: &[RodStatus]) -> String {
         "axial_force_q025_n",
         "axial_force_q975_n",
         "never_seen_since",
+        "records_ahead",
+        "is_stale",
+        "monitoring_stopped_since",
     ]);
     let number = |number: Option<f64>| number.map_or_else(String::new, |number| format!("{number:?}"));
     let time = |time: Option<Timestamp>| time.map_or_else(String::new, |time| time.to_string());
@@ -253,6 +289,9 @@ fn spreadsheet(rows: &[RodStatus]) -> String {
             number(own.map(|n| n.q025)),
             number(own.map(|n| n.q975)),
             time(row.never_seen_since),
+            row.records_ahead.to_string(),
+            row.is_stale(now).to_string(),
+            time(monitoring.and_then(|monitoring| monitoring.stopped_since)),
         ];
         out += &csv(cells.iter().map(String::as_str));
     }

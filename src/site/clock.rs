@@ -18,3 +18,11 @@ pub fn now_ns() -> u64 {
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
     since.map_or(0, |since| u64::try_from(since.as_nanos()).unwrap_or(u64::MAX))
 }
+
+/// Lead over the present beyond which a record was dated by a wrong clock \[s\].
+const AHEAD_S: f64 = 86_400.0;
+
+/// Latest time that a record taken by `now` can have.
+pub fn latest_past(now: Timestamp) -> Timestamp {
+    now.plus_seconds(AHEAD_S)
+}

@@ -14,6 +14,7 @@
 //! * [`record_row`]     a record's result: one row of the store, one JSON line
 //! * [`emulator_cache`] fitted emulators on disk
 //! * [`hex`]            bytes as hexadecimal digits
+//! * [`text`]           text of unknown origin, fit for a line
 //! * [`clock`]          the time people's requests carry
 
 pub mod analyse;
@@ -39,5 +40,6 @@ pub mod record_row;
 pub mod records;
 #[cfg(feature = "daemon")]
 pub mod store;
+pub mod text;
 #[cfg(feature = "daemon")]
 pub mod trackers;

@@ -24,6 +24,7 @@ mod looks;
 mod metrics;
 mod notify;
 mod page;
+mod presses;
 mod protocol;
 mod send;
 mod sockets;

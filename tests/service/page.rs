@@ -45,8 +45,15 @@ fn the_site_says_what_status_says() {
             &server.get(&format!("/api/v1/rods/{rod}")),
         ] {
             for (key, value) in said.as_object().unwrap() {
-                assert_eq!(&shown[key], value, "{rod} {key}");
+                // What depends on the time of asking, and the site's.
+                if !matches!(&**key, "is_stale" | "monitoring") {
+                    assert_eq!(&shown[key], value, "{rod} {key}");
+                }
             }
+            assert_eq!(
+                (&said["is_stale"], &said["monitoring"]),
+                (&json!(true), &site["monitoring"])
+            );
         }
     }
     // The campaign has an alarm, without which the checks above would be weak.
@@ -683,6 +690,139 @@ fn a_list_that_ends_where_lines_were_removed_says_so() {
     assert_eq!(listed(&store, false, 5), (5, true, false));
     // Every fifth record of this rod was rejected, the last among them.
     assert_eq!(listed(&store, true, 100), (2, false, true));
+}
+
+#[test]
+fn a_clock_that_jumped_once_does_not_hide_the_rod() {
+    let site = Site::new(SITE);
+    site.simulate("first", &Part::new(0, 12));
+    site.simulate("wrong", &Part::new(1838, 1));
+    site.simulate("then", &Part::new(12, 1));
+    site.replay(&["archive/first.mcap"], "site.db");
+    for (name, last) in [("wrong", 11), ("then", 12)] {
+        site.replay(&[&format!("archive/{name}.mcap")], "site.db");
+        let server = Server::of(&site, "site.db");
+        let answer = server.get("/api/v1/site");
+        let shown = row_of(&answer["rods"], "rod", "north");
+        assert_eq!(shown["latest_record"], noon(last).to_string());
+        assert_eq!(
+            (&shown["records_ahead"], &shown["records"]),
+            (&json!(1), &json!(last + 2))
+        );
+        assert_eq!(shown["recent"]["records"], json!(last + 1));
+        assert!(shown["trend"]["mean"].as_array().unwrap().len() > 1, "{shown}");
+        let rod = server.get("/api/v1/rods/north");
+        assert_eq!(
+            rod["span"],
+            json!(["2026-01-01T00:00:00Z", format!("2026-01-{}T00:00:00Z", last + 2)])
+        );
+        // Nothing is hidden from whoever asks for everything.
+        let all = server.get("/api/v1/rods/north/history");
+        assert_eq!(all["time"].as_array().unwrap().len() as i64, last + 2);
+        let said = site.run(&["status", "--store", "site.db"]);
+        let said = String::from_utf8(said.stdout).unwrap();
+        assert!(
+            !said.contains("2031") && said.contains("1 record dated after that by a wrong clock"),
+            "{said}"
+        );
+    }
+}
+
+#[test]
+fn every_refusal_of_the_api_is_json() {
+    let server = Server::of(&CAMPAIGN, "site.db");
+    for (path, status) in [
+        ("/api/v1/rods/north/history?points=-1", 400),
+        ("/api/v1/rods/north/records?rejected=maybe", 400),
+        ("/api/v1/alarms?standing=1", 400),
+        ("/api/v1/alarms?limit=1&limit=2", 400),
+        ("/api/v1/alarms?since=2026", 400),
+        ("/api/v1/rods/%FF/history", 400),
+        ("/api/v1/nothing", 404),
+        ("/api/v2/site", 404),
+        ("/api/v1/alarms/none/acknowledge", 405),
+    ] {
+        assert_eq!(server.refused(path), status, "{path}");
+        assert!(
+            server.head(path).contains("content-type: application/json"),
+            "{path}"
+        );
+    }
+    assert!(
+        server
+            .head("/api/v1/alarms/none/acknowledge")
+            .contains("allow: post")
+    );
+    // What people type into a browser stays text.
+    assert!(server.head("/nothing").contains("content-type: text/plain"));
+}
+
+#[test]
+fn counts_of_the_page_are_those_of_status() {
+    let mut store = Store::in_memory().unwrap();
+    crate::archive::fill(&mut store, 0..20);
+    let rod = RodId("south è".to_owned());
+    let timeless = crate::archive::rejected(&rod, 31);
+    let mut row = crate::archive::row(&timeless);
+    row.start = None;
+    let commit = Commit {
+        record: Some(crate::archive::new_record(&timeless, &row)),
+        ..Commit::default()
+    };
+    store.commit(&commit).unwrap();
+    let mut days = Days::default();
+    while days.take_up(&store).unwrap() {}
+    assert_eq!(days.counts(&rod), (11, 3));
+    assert_eq!(store.counts(&rod).unwrap(), days.counts(&rod));
+}
+
+#[test]
+fn data_are_stale_when_the_alarm_would_be_raised() {
+    // Learning, of which the site knows two records, a week apart; then with a baseline of daily ones.
+    let site = Site::new(&SITE.replace("[track]", "[alarm]\nsilence_h = 24\n[track]"));
+    site.simulate("first", &Part::new(0, 1));
+    site.simulate("second", &Part::new(7, 1));
+    site.replay(&["archive/first.mcap"], "site.db");
+    let stale_after_s = || {
+        let server = Server::of(&site, "site.db");
+        let answer = server.get("/api/v1/site");
+        let rod = server.get("/api/v1/rods/north");
+        let shown = &row_of(&answer["rods"], "rod", "north")["stale_after_s"];
+        assert_eq!(shown, &rod["stale_after_s"]);
+        shown.as_f64().unwrap()
+    };
+    assert_eq!(stale_after_s(), 86_400.0);
+    site.replay(&["archive/second.mcap"], "site.db");
+    assert_eq!(stale_after_s(), 3.5 * 7.0 * 86_400.0);
+    let learned = Server::of(&CAMPAIGN, "site.db").get("/api/v1/rods/south");
+    let spacing = learned["stale_after_s"].as_f64().unwrap() / 3.5;
+    // Ten daily records, of which a few were lost.
+    assert!((86_400.0..1.5 * 86_400.0).contains(&spacing), "{spacing}");
+}
+
+#[test]
+fn the_page_names_quantities_as_the_report_does() {
+    use tirante::analysis::rod::beam::{Parameterisation, Section};
+    let server = Server::of(&CAMPAIGN, "site.db");
+    let (_, script) = server.ask("GET", "/assets/figures.js", "");
+    let mut keys = vec!["fixity_left", "fixity_right"];
+    for section in Section::ALL {
+        let parameterisation = Parameterisation::new(section);
+        keys.extend(
+            parameterisation
+                .quantities()
+                .iter()
+                .map(|quantity| quantity.key()),
+        );
+    }
+    for key in keys {
+        let (name, unit, factor) = tirante::command::report_page::quantity(key);
+        assert_ne!(unit, "SI", "{key}");
+        let wanted = format!("{key}: [\"{name} [{unit}]\", {factor:e}]");
+        let written = script.replace("\\u00b3", "\u{b3}").replace("\\u00b2", "\u{b2}");
+        let wanted = wanted.replace("1e0]", "1]");
+        assert!(written.contains(&wanted), "{wanted}");
+    }
 }
 
 #[test]

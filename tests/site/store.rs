@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use tirante::analysis::signal::record::RodId;
 use tirante::analysis::track::fold::state::Opening;
-use tirante::analysis::track::{Alarm, Kind, RodState, State};
+use tirante::analysis::track::{Alarm, Kind, RodState, SetAside, State};
 use tirante::site::prepared::Provenance;
 use tirante::site::store::{
     Asked, Commit, Durability, Filter, Listing, Reader, RodRow, Store, StoreError, request_of_writer,
@@ -49,6 +49,77 @@ fn what_goes_in_comes_out_after_a_restart() {
     assert_eq!(store.segments(&north).unwrap(), [expected.segment]);
     assert_eq!(store.alarms(&Filter::default()).unwrap(), expected.alarms);
     assert_eq!(store.events(&north).unwrap().len(), 1);
+}
+
+#[test]
+fn the_plot_of_a_replay_ends_with_the_last_record() {
+    let mut store = Store::in_memory().unwrap();
+    fill(&mut store, 0..60);
+    let rod = RodId("north".into());
+    let starts = |most: usize| -> Vec<_> {
+        let points = store.last_points(&rod, most).unwrap();
+        points.iter().map(|point| point.start.unwrap()).collect()
+    };
+    assert_eq!(starts(3), [54, 56, 58].map(hour));
+    assert_eq!(starts(100).len(), 30);
+    let drawn = |most: usize| tirante::command::sketch::force(&store, &rod, most, 60).unwrap();
+    assert!(drawn(10).contains("the last 10 records"), "{}", drawn(10));
+    assert!(drawn(100).contains("north: change of force") && !drawn(100).contains("the last"));
+}
+
+#[test]
+fn words_of_people_stay_on_their_line() {
+    let said = |by: &str, note: &str| match Asked::acknowledge("a", Some(by), Some(note)) {
+        Asked::Acknowledge { said, .. } => said,
+        Asked::Rebaseline { .. } => None,
+    };
+    assert_eq!(
+        said("Eve\nfake", "\u{1b}[2J x\u{202e}"),
+        Some("Eve fake: [2J x".to_owned())
+    );
+    assert_eq!(said("\n", " "), None);
+    let asked = Asked::rebaseline(Some("wedges\r\nrenewed"));
+    assert_eq!(
+        asked,
+        Asked::Rebaseline {
+            reason: Some("wedges  renewed".to_owned())
+        }
+    );
+}
+
+#[test]
+fn a_record_that_a_wrong_clock_dated_is_not_the_latest() {
+    let mut store = Store::in_memory().unwrap();
+    fill(&mut store, 0..6);
+    let rod = RodId("north".into());
+    let mut commit = |outcome: &tirante::analysis::outcome::Outcome, set_aside: Option<SetAside>| {
+        let mut row = row(outcome);
+        row.set_aside = set_aside;
+        let record = Some(new_record(outcome, &row));
+        store
+            .commit(&Commit {
+                record,
+                ..Commit::default()
+            })
+            .unwrap();
+    };
+    // Years ahead: set aside by tracking, rejected, and the first of a rod, which tracking has to believe.
+    commit(&identified(&rod, 40_000), Some(SetAside::Clock));
+    commit(&rejected(&rod, 50_000), None);
+    commit(&identified(&rod, 60_000), None);
+    let at = |now: i64| {
+        let found = store.standings_of(Some(&rod), hour(now)).unwrap();
+        let used = found[0].latest_row().unwrap().unwrap().start;
+        (found[0].latest_start, used, found[0].ahead)
+    };
+    // North has the even hours.
+    assert_eq!(at(5), (Some(hour(4)), Some(hour(4)), 3));
+    // Without a gap they go on, before this clock or not: simulated, or the clock is wrong.
+    assert_eq!(at(-23), (Some(hour(4)), Some(hour(4)), 3));
+    assert_eq!(at(-9_000), (Some(hour(60_000)), Some(hour(60_000)), 0));
+    // The time came.
+    assert_eq!(at(50_000), (Some(hour(50_000)), Some(hour(4)), 1));
+    assert_eq!(at(60_000), (Some(hour(60_000)), Some(hour(60_000)), 0));
 }
 
 #[test]

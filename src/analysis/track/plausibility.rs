@@ -20,7 +20,7 @@ const AMPLITUDE: f64 = 50.0;
 const AMPLITUDES: usize = 5;
 
 /// Silence after which a record's time is doubted until others agree \[s\].
-pub(super) const JUMP_S: f64 = 90.0 * 86_400.0;
+pub const JUMP_S: f64 = 90.0 * 86_400.0;
 
 /// Largest age of a channel's records used for comparison \[s\].
 const COMPARED_S: f64 = 3.0 * 86_400.0;

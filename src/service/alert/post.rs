@@ -45,16 +45,33 @@ pub(super) fn post(
         request = request.header(*name, *value);
     }
     match request.send(json) {
-        Ok(response) => judge(url, response),
+        Ok(response) => judge(&origin(url), response),
         Err(ureq::Error::Timeout(_)) => Err(Failure::new(format!(
-            "{url}: no answer within {:.0} s",
+            "{}: no answer within {:.0} s",
+            origin(url),
             deadline.as_secs_f64()
         ))),
-        Err(error) => Err(Failure::new(format!("{url}: {error}"))),
+        Err(error) => {
+            let error = error.to_string().replace(url, &origin(url));
+            Err(Failure::new(format!("{}: {error}", origin(url))))
+        }
     }
 }
 
-fn judge(url: &str, response: Response<Body>) -> Result<(), Failure> {
+/// Scheme, host and port of an address. A fault is told to everybody, in the log, on the page and through the other sinks;
+/// path and query of a webhook or a ping are often the secret that lets one post there.
+fn origin(url: &str) -> String {
+    let (scheme, rest) = url.split_once("://").unwrap_or(("", url));
+    let authority = rest.split(['/', '?', '#']).next().unwrap_or_default();
+    let host = authority.rsplit('@').next().unwrap_or_default();
+    if scheme.is_empty() {
+        host.to_owned()
+    } else {
+        format!("{scheme}://{host}")
+    }
+}
+
+fn judge(from: &str, response: Response<Body>) -> Result<(), Failure> {
     let status = response.status();
     if status.is_success() {
         return Ok(());
@@ -65,9 +82,15 @@ fn judge(url: &str, response: Response<Body>) -> Result<(), Failure> {
         .filter(|_| matches!(status.as_u16(), 429 | 503))
         .and_then(|value| value.to_str().ok())
         .and_then(|text| wait(text, clock::now()));
-    let mut reason = format!("{url} answers {status}");
+    let mut reason = format!("{from} answers {status}");
     if let Some(place) = response.headers().get("Location").and_then(|l| l.to_str().ok()) {
-        reason += &format!(" to {place}, which is not followed: put it into the configuration");
+        let place = if place.contains("://") {
+            origin(place)
+        } else {
+            "another path".to_owned()
+        };
+        reason +=
+            &format!(" to {place}, which is not followed: put the address it names into the configuration");
     }
     let mut text = Vec::new();
     // The answer is only shown, so the readable part is enough.
@@ -122,6 +145,20 @@ fn trusted(file: &CredentialPath) -> Result<RootCerts, Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_fault_tells_no_secret_of_an_address() {
+        for (url, told) in [
+            (
+                "https://hooks.slack.com/services/T0/B0/secret",
+                "https://hooks.slack.com",
+            ),
+            ("http://host:8080?secret=abc", "http://host:8080"),
+            ("https://me:secret@[::1]:8/x#secret", "https://[::1]:8"),
+        ] {
+            assert_eq!(origin(url), told);
+        }
+    }
 
     #[test]
     fn retry_after_is_seconds_or_a_date() {

@@ -10,6 +10,9 @@ use std::collections::BTreeMap;
 /// Length of a day \[ns\].
 pub const DAY_NS: i64 = 86_400_000_000_000;
 
+/// 1980-01-01: earlier records were dated by a clock that was not set.
+const DAY_1980: i64 = 3652;
+
 /// Number of records read at once: some ten milliseconds.
 const BATCH: usize = 2_000;
 
@@ -19,6 +22,8 @@ pub struct Days {
     /// Number of the last record added.
     through: i64,
     rods: BTreeMap<RodId, BTreeMap<i64, Bucket>>,
+    /// Records without a time.
+    timeless: BTreeMap<RodId, Bucket>,
 }
 
 /// Sums over the records of a stretch of time.
@@ -28,6 +33,8 @@ pub struct Bucket {
     pub records: u64,
     /// Number of rejected records.
     pub rejected: u64,
+    /// Number of records whose time tracking believed.
+    pub believed: u64,
     /// N_t / N_0 at the reference temperature.
     pub relative_force_at_reference: Mean,
     /// N_t / N_0 at the measured temperature.
@@ -85,6 +92,9 @@ impl Bucket {
         if point.rejection.is_some() {
             self.rejected += 1;
         }
+        if !matches!(point.set_aside.as_deref(), Some("clock" | "late")) {
+            self.believed += 1;
+        }
         if let Some(temperature_c) = point.temperature_c {
             self.temperature_c
                 .add(temperature_c, temperature_c, temperature_c);
@@ -105,6 +115,7 @@ impl Bucket {
     pub fn join(&mut self, other: &Self) {
         self.records += other.records;
         self.rejected += other.rejected;
+        self.believed += other.believed;
         self.relative_force_at_reference
             .join(&other.relative_force_at_reference);
         self.relative_force.join(&other.relative_force);
@@ -124,14 +135,16 @@ impl Days {
         let points = reader.points_after(self.through, BATCH)?;
         for point in &points {
             self.through = point.id;
-            if let Some(start) = point.start {
-                let day = start.as_nanos().div_euclid(DAY_NS);
-                let days = match self.rods.get_mut(&point.rod) {
-                    Some(days) => days,
-                    None => self.rods.entry(point.rod.clone()).or_default(),
-                };
-                days.entry(day).or_default().add(point);
-            }
+            let Some(start) = point.start else {
+                self.timeless.entry(point.rod.clone()).or_default().add(point);
+                continue;
+            };
+            let day = start.as_nanos().div_euclid(DAY_NS);
+            let days = match self.rods.get_mut(&point.rod) {
+                Some(days) => days,
+                None => self.rods.entry(point.rod.clone()).or_default(),
+            };
+            days.entry(day).or_default().add(point);
         }
         Ok(points.len() == BATCH)
     }
@@ -160,18 +173,29 @@ impl Days {
             .map(|(day, bucket)| (Timestamp::from_nanos(day.saturating_mul(DAY_NS)), bucket))
     }
 
-    /// Number of a rod's records with a time, and of those rejected.
+    /// Number of a rod's records and of those rejected, records without a time among them.
     pub fn counts(&self, rod: &RodId) -> (u64, u64) {
-        self.rods
-            .get(rod)
-            .into_iter()
-            .flat_map(BTreeMap::values)
+        let days = self.rods.get(rod).into_iter().flat_map(BTreeMap::values);
+        days.chain(self.timeless.get(rod))
             .fold((0, 0), |(records, rejected), day| {
                 (records + day.records, rejected + day.rejected)
             })
     }
 
-    /// Begin of a rod's first day and end of its last.
+    /// Begin of a rod's first day with a record whose time is believed, and end of the day of its `latest` record.
+    pub fn believed_span(&self, rod: &RodId, latest: Option<Timestamp>) -> Option<(Timestamp, Timestamp)> {
+        let last = latest?.as_nanos().div_euclid(DAY_NS);
+        let mut days = self.rods.get(rod)?.range(..=last);
+        let first = *days.clone().next()?.0;
+        // A clock that was never set begins in 1970.
+        let first = days
+            .find(|(day, bucket)| **day >= DAY_1980 && bucket.believed > 0)
+            .map_or(first, |(day, _)| *day);
+        let at = |day: i64| Timestamp::from_nanos(day.saturating_mul(DAY_NS));
+        Some((at(first), at(last.saturating_add(1))))
+    }
+
+    /// Begin of a rod's first day and end of its last, whatever clock dated their records.
     pub fn span(&self, rod: &RodId) -> Option<(Timestamp, Timestamp)> {
         let days = self.rods.get(rod)?;
         let (first, last) = (days.keys().next()?, days.keys().next_back()?);

@@ -23,4 +23,4 @@ pub use listing::{Alarms, Records};
 pub use monitoring::{Lasting, Monitoring};
 pub use rod::{Chart, Looks, RodAnswer};
 pub use site::SiteAnswer;
-pub use standing::{Goals, RodStatus};
+pub use standing::{Goals, RodStatus, Terms};

@@ -31,6 +31,8 @@ pub struct Lasting {
     pub detail: String,
     /// Time of its begin, by the machine's clock.
     pub since: Timestamp,
+    /// True if it is the reason in `why`.
+    pub is_told: bool,
 }
 
 impl Monitoring {
@@ -48,10 +50,14 @@ impl Monitoring {
             about: begun.about,
             detail: begun.detail,
             since: begun.raised,
+            is_told: false,
         });
         let mut monitoring = Self::by(conditions.collect());
         if is_held == Some(false) {
-            monitoring.stop(last.to, "no daemon is at work on this store");
+            monitoring.stop(
+                last.to,
+                "no daemon is at work on this store (one at work says so every five minutes)",
+            );
         } else if now.seconds_since(last.to) > ALIVE_S {
             monitoring.stop(last.to, "no daemon has told the store since that it is at work");
         }
@@ -66,6 +72,7 @@ impl Monitoring {
             about: condition.about.clone(),
             detail: condition.detail.clone(),
             since: now.plus_seconds(-instant.saturating_duration_since(condition.since).as_secs_f64()),
+            is_told: false,
         });
         Self::by(lasting.collect())
     }
@@ -76,34 +83,87 @@ impl Monitoring {
             why: None,
             conditions,
         };
-        let is_grave = |lasting: &&Lasting| {
+        let is_grave = |lasting: &&mut Lasting| {
             let mut faults = Fault::ALL.iter();
             faults.any(|fault| fault.is_grave() && fault.code() == lasting.kind)
         };
-        let grave = monitoring.conditions.iter().filter(is_grave);
-        if let Some(first) = grave.min_by_key(|lasting| lasting.since).cloned() {
-            monitoring.stop(first.since, &first.detail);
+        let grave = monitoring.conditions.iter_mut().filter(is_grave);
+        if let Some(first) = grave.min_by_key(|lasting| lasting.since) {
+            first.is_told = true;
+            monitoring.stopped_since = Some(first.since);
+            monitoring.why = Some(first.detail.clone());
         }
         monitoring
     }
 
+    /// Adds a reason: the earlier one comes first, and the time is its own.
     fn stop(&mut self, since: Timestamp, why: &str) {
-        self.stopped_since = Some(self.stopped_since.map_or(since, |known| known.min(since)));
-        self.why = Some(why.to_owned());
+        let (since, why) = match (self.stopped_since, self.why.take()) {
+            (Some(known), Some(first)) if known <= since => {
+                (known, format!("{first}; since {}: {why}", minutes(since)))
+            }
+            (Some(known), Some(then)) => (since, format!("{why}; since {}: {then}", minutes(known))),
+            _ => (since, why.to_owned()),
+        };
+        (self.stopped_since, self.why) = (Some(since), Some(why));
     }
 
     /// Sentences about a stop and the present conditions.
     pub fn sentences(&self) -> Vec<String> {
         let stopped = self.stopped_since.map(|since| {
             let why = self.why.as_deref().unwrap_or_default();
-            format!("monitoring stopped since {since}: {why}")
+            format!("monitoring stopped since {}: {why}", minutes(since))
         });
-        let lasting = self.conditions.iter().map(|one| {
+        let lasting = self.conditions.iter().filter(|one| !one.is_told).map(|one| {
             let Lasting {
                 kind, detail, since, ..
             } = one;
-            format!("{kind} since {since}: {detail}")
+            format!("{kind} since {}: {detail}", minutes(*since))
         });
         stopped.into_iter().chain(lasting).collect()
+    }
+}
+
+/// A time to the minute, which is as well as it is known: `2026-03-01 12:00 UTC`.
+fn minutes(time: Timestamp) -> String {
+    let text = time.to_string();
+    format!("{} UTC", text.get(..16).unwrap_or(&text).replace('T', " "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_reason_of_a_stop_has_its_own_time() {
+        let at = |hour: i64| Timestamp::from_nanos(1_767_225_600_000_000_000 + hour * 3_600_000_000_000);
+        let disk = Lasting {
+            kind: "disk-full".to_owned(),
+            about: "/data".to_owned(),
+            detail: "there is no room".to_owned(),
+            since: at(10),
+            is_told: false,
+        };
+        let sink = Lasting {
+            kind: "sink".to_owned(),
+            detail: "it does not answer".to_owned(),
+            ..disk.clone()
+        };
+        let mut monitoring = Monitoring::by(vec![sink, disk.clone()]);
+        monitoring.stop(at(12), "no daemon is at work");
+        let told = [
+            "monitoring stopped since 2026-01-01 10:00 UTC: there is no room; since 2026-01-01 12:00 UTC: no daemon is at work",
+            "sink since 2026-01-01 10:00 UTC: it does not answer",
+        ];
+        assert_eq!(monitoring.sentences(), told);
+        // The other way round.
+        let mut monitoring = Monitoring::by(vec![disk]);
+        monitoring.stop(at(9), "no daemon is at work");
+        assert_eq!(
+            monitoring.sentences(),
+            [
+                "monitoring stopped since 2026-01-01 09:00 UTC: no daemon is at work; since 2026-01-01 10:00 UTC: there is no room"
+            ]
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! One rod: segments, effect of temperature, charts, and views of its records.
 
 use super::days::Days;
-use super::standing::{Goals, RodStatus, latest_config};
+use super::standing::{RodStatus, Terms};
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::DriftWatch;
@@ -16,7 +16,7 @@ pub struct RodAnswer {
     /// Status of the rod.
     #[serde(flatten)]
     pub status: RodStatus,
-    /// Begin of its first day and end of its last.
+    /// Begin of its first day and end of that of its latest record, those left out that a wrong clock dated.
     pub span: Option<[Timestamp; 2]>,
     /// Stretches of history with one baseline each, ascending.
     pub segments: Vec<SegmentAnswer>,
@@ -89,14 +89,15 @@ impl RodAnswer {
             slope_per_k,
             slope_sd_per_k,
         });
-        let alarm = latest_config(reader)?.map(|config| config.alarm);
+        let terms = Terms::of(reader)?;
+        let span = days.believed_span(rod, standing.latest_start);
         Ok(Some(Self {
-            limit_loss: alarm.as_ref().map(|alarm| alarm.limit_loss),
-            silence_s: alarm.as_ref().map(|alarm| alarm.silence_s),
-            span: days.span(rod).map(|(first, last)| [first, last]),
+            limit_loss: terms.map(|terms| terms.limit_loss),
+            silence_s: terms.map(|terms| terms.silence_s),
+            span: span.map(|(first, last)| [first, last]),
             segments,
             thermal,
-            status: RodStatus::of(standing, days.counts(rod), Goals::of(reader)?)?,
+            status: RodStatus::of(standing, days.counts(rod), terms)?,
         }))
     }
 }

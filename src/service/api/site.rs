@@ -2,8 +2,8 @@
 
 use super::days::{DAY_NS, Days};
 use super::monitoring::Monitoring;
-use super::standing::{Goals, RodStatus, latest_config};
-use crate::analysis::signal::record::{RodId, Timestamp};
+use super::standing::{RodStatus, Terms};
+use crate::analysis::signal::record::Timestamp;
 use crate::site::clock;
 use crate::site::store::{Reader, StoreError};
 use serde::Serialize;
@@ -67,13 +67,13 @@ impl SiteAnswer {
     /// # Errors
     /// The store cannot be read, or a row is damaged.
     pub fn of(reader: &Reader, days: &Days) -> Result<Self, StoreError> {
-        let goals = Goals::of(reader)?;
+        let terms = Terms::of(reader)?;
         let mut rods = Vec::new();
         for standing in reader.standings()? {
             let counts = days.counts(&standing.rod);
-            let status = RodStatus::of(standing, counts, goals)?;
+            let status = RodStatus::of(standing, counts, terms)?;
             rods.push(RodGlance {
-                recent: Recent::of(days, &status.rod),
+                recent: Recent::of(days, &status),
                 trend: Trend::of(days, &status),
                 status,
             });
@@ -82,29 +82,29 @@ impl SiteAnswer {
         Ok(Self {
             site: config.map_or_else(|| "Site".to_owned(), |[_, site, _]| site),
             version: env!("CARGO_PKG_VERSION"),
-            silence_s: latest_config(reader)?.map(|config| config.alarm.silence_s),
+            silence_s: terms.map(|terms| terms.silence_s),
             monitoring: Monitoring::of(reader, None, clock::now())?,
             rods,
         })
     }
 }
 
-/// The last `count` days of a rod.
-fn last_days(days: &Days, rod: &RodId, count: u32) -> Option<(Timestamp, Timestamp)> {
-    let (_, end) = days.span(rod)?;
+/// The last `count` days of a rod up to its latest record.
+fn last_days(days: &Days, status: &RodStatus, count: u32) -> Option<(Timestamp, Timestamp)> {
+    let (_, end) = days.believed_span(&status.rod, status.latest_record)?;
     let begin = end.as_nanos().saturating_sub(i64::from(count) * DAY_NS);
     Some((Timestamp::from_nanos(begin), end))
 }
 
 impl Recent {
-    fn of(days: &Days, rod: &RodId) -> Self {
+    fn of(days: &Days, status: &RodStatus) -> Self {
         let mut recent = Self {
             days: RECENT_DAYS,
             records: 0,
             rejected: 0,
         };
-        if let Some((from, to)) = last_days(days, rod, RECENT_DAYS) {
-            for (_, day) in days.between(rod, from, to) {
+        if let Some((from, to)) = last_days(days, status, RECENT_DAYS) {
+            for (_, day) in days.between(&status.rod, from, to) {
                 recent.records += day.records;
                 recent.rejected += day.rejected;
             }
@@ -116,7 +116,7 @@ impl Recent {
 impl Trend {
     fn of(days: &Days, status: &RodStatus) -> Self {
         let (mut time, mut mean) = (Vec::new(), Vec::new());
-        if let Some((from, to)) = last_days(days, &status.rod, 365) {
+        if let Some((from, to)) = last_days(days, status, 365) {
             let there: Vec<_> = days.between(&status.rod, from, to).collect();
             // Every so many days one, the last among them.
             let step = there.len().div_ceil(TREND_POINTS).max(1);

@@ -2,7 +2,7 @@
 
 use crate::analysis::findings::Doubt;
 use crate::analysis::signal::record::{RodId, Timestamp};
-use crate::analysis::track::{Alarm, Interval, RodState};
+use crate::analysis::track::{Alarm, Interval, Kind, RodState, SILENCE_INTERVALS};
 use crate::config::Config;
 use crate::site::record_row::RecordRow;
 use crate::site::store::{Asked, Reader, Standing, StoreError};
@@ -43,8 +43,12 @@ pub struct RodStatus {
     pub doubts: Vec<Doubt>,
     /// Start of the latest record that was neither rejected nor set aside.
     pub latest_used: Option<Timestamp>,
-    /// Start of the latest record.
+    /// Start of the latest record whose time can be believed.
     pub latest_record: Option<Timestamp>,
+    /// Number of records that a wrong clock dated after that one.
+    pub records_ahead: u64,
+    /// Age from which its data are stale \[s\]: the silence that raises an alarm, 0 while that alarm holds; `null` if unknown.
+    pub stale_after_s: Option<f64>,
     /// Number of records.
     pub records: u64,
     /// Number of rejected records.
@@ -66,32 +70,60 @@ pub struct Goals {
     pub periods: usize,
 }
 
-/// Latest configuration of a store; `None` if it has none that this program can read.
-pub(super) fn latest_config(reader: &Reader) -> Result<Option<Config>, StoreError> {
-    let config = reader.latest_config()?;
-    Ok(config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok()))
+/// Terms of a store's latest configuration that its rods are judged by.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Terms {
+    /// Numbers that learning takes.
+    pub goals: Goals,
+    /// Silence that raises an alarm \[s\].
+    pub silence_s: f64,
+    /// Relative loss of force that raises an alarm \[-\].
+    pub limit_loss: f64,
 }
 
-impl Goals {
-    /// Goals by the latest configuration of a store; `None` if it has none that this program can parse.
+impl Terms {
+    /// Terms by the latest configuration of a store; `None` if it has none that this program can parse.
     ///
     /// # Errors
     /// The store cannot be read.
     pub fn of(reader: &Reader) -> Result<Option<Self>, StoreError> {
-        Ok(latest_config(reader)?.map(|config| Self {
-            records: config.track.baseline_records,
-            periods: config.track.learning_periods,
+        let config = reader.latest_config()?;
+        let config = config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
+        Ok(config.map(|config| Self {
+            goals: Goals {
+                records: config.track.baseline_records,
+                periods: config.track.learning_periods,
+            },
+            silence_s: config.alarm.silence_s,
+            limit_loss: config.alarm.limit_loss,
         }))
     }
 }
 
+/// Age from which a rod's data are stale \[s\], by the rule of the alarm `no-data`.
+fn stale_after_s(standing: &Standing, terms: Option<Terms>) -> Option<f64> {
+    let is_silent = |alarm: &Alarm| alarm.kind == Kind::NoData && alarm.cleared.is_none();
+    if standing.alarms.iter().any(is_silent) {
+        return Some(0.0);
+    }
+    let usual_s = standing.usual_s.unwrap_or(0.0);
+    terms.map(|terms| terms.silence_s.max(SILENCE_INTERVALS * usual_s))
+}
+
 impl RodStatus {
-    /// Status from the store; `counts` are the numbers of the rod's records and of those rejected, `goals`
-    /// those that learning takes.
+    /// True if its data are stale at `now`: it is not followed, whatever state its last record left.
+    pub fn is_stale(&self, now: Timestamp) -> bool {
+        let age_s = self.latest_record.map(|latest| now.seconds_since(latest));
+        age_s
+            .zip(self.stale_after_s)
+            .is_some_and(|(age_s, after_s)| age_s > after_s)
+    }
+
+    /// Status from the store; `counts` are the numbers of the rod's records and of those rejected.
     ///
     /// # Errors
     /// The latest record's line cannot be understood.
-    pub fn of(standing: Standing, counts: (u64, u64), goals: Option<Goals>) -> Result<Self, StoreError> {
+    pub fn of(standing: Standing, counts: (u64, u64), terms: Option<Terms>) -> Result<Self, StoreError> {
         let latest = standing.latest_row()?;
         let latest_used = latest.as_ref().and_then(|row| row.start);
         // A record of an older segment is relative to another baseline.
@@ -111,7 +143,9 @@ impl RodStatus {
             segment: standing.segment,
             baseline_records,
             learned_periods,
-            learning_takes: goals.filter(|_| baseline_records.is_some()),
+            learning_takes: terms
+                .map(|terms| terms.goals)
+                .filter(|_| baseline_records.is_some()),
             compensated,
             temperature_c: row.temperature_c,
             reference_temperature_c: row.reference_temperature_c,
@@ -121,6 +155,8 @@ impl RodStatus {
             doubts: Doubt::all(row.conflict, row.prior_tail, row.label_probability),
             latest_used,
             latest_record: standing.latest_start,
+            records_ahead: standing.ahead,
+            stale_after_s: stale_after_s(&standing, terms),
             records: counts.0,
             rejected: counts.1,
             alarms: standing.alarms,

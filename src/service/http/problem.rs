@@ -93,6 +93,34 @@ impl IntoResponse for Problem {
     }
 }
 
+/// Longest refusal in plain text that is read \[bytes\].
+const LONGEST: usize = 16 * 1024;
+
+/// An answer of the API as all are: a refusal in plain text, such as of a query that cannot be parsed, becomes a [`Problem`].
+pub async fn as_json(answer: Response) -> Response {
+    let status = answer.status();
+    let kind = answer.headers().get(header::CONTENT_TYPE);
+    let is_json = kind.is_some_and(|kind| kind.as_bytes().starts_with(b"application/json"));
+    if is_json || !(status.is_client_error() || status.is_server_error()) {
+        return answer;
+    }
+    let (mut parts, body) = answer.into_parts();
+    let text = axum::body::to_bytes(body, LONGEST).await.unwrap_or_default();
+    let text = String::from_utf8_lossy(&text).trim().to_owned();
+    let problem = Problem {
+        status,
+        message: if text.is_empty() { status.to_string() } else { text },
+        is_soon: false,
+    };
+    // Such as the methods that are allowed.
+    for name in [header::CONTENT_TYPE, header::CONTENT_LENGTH] {
+        parts.headers.remove(name);
+    }
+    let mut answer = problem.into_response();
+    answer.headers_mut().extend(parts.headers);
+    answer
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,7 +1,7 @@
 //! Routes of the HTTP server.
 
 use super::api::{self, Api};
-use super::{page, viewer};
+use super::{page, problem, viewer};
 use crate::service::telemetry::{Report, Telemetry};
 use axum::Router;
 use axum::body::HttpBody;
@@ -78,7 +78,14 @@ pub fn routes(telemetry: Option<Telemetry>, api: Option<Api>) -> Router {
     }
     let nothing = "there is nothing here; try /, /api/v1/openapi.json, /healthz, /readyz, /metrics\n";
     router
-        .fallback(move || async move { (StatusCode::NOT_FOUND, nothing) })
+        .fallback(move |request: Request| async move {
+            let answer = (StatusCode::NOT_FOUND, nothing).into_response();
+            if request.uri().path().starts_with("/api/") {
+                problem::as_json(answer).await
+            } else {
+                answer
+            }
+        })
         .layer(middleware::from_fn(guard))
 }
 

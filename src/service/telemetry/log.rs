@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 use std::env;
-use std::io::{self, IsTerminal};
+use std::io::{self, IsTerminal, Write};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Layer, Registry, fmt};
@@ -35,11 +35,43 @@ pub fn start(format: Option<Format>, filter: EnvFilter, is_daemon: bool) {
     }
 }
 
+/// Stderr, to which each event is written at once as one line: an inner end of a line is followed by a margin, so that no name of
+/// a file and no words of a person can look like a line of the log. (Escape sequences are escaped by the formatter.)
+struct Lines;
+
+impl io::Write for Lines {
+    fn write(&mut self, event: &[u8]) -> io::Result<usize> {
+        io::stderr().write_all(&with_margin(event))?;
+        Ok(event.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        io::stderr().flush()
+    }
+}
+
+fn with_margin(event: &[u8]) -> Vec<u8> {
+    let (inner, end) = match event.split_last() {
+        Some((b'\n', inner)) => (inner, &b"\n"[..]),
+        _ => (event, &b""[..]),
+    };
+    let mut out = Vec::with_capacity(event.len());
+    for byte in inner {
+        match byte {
+            b'\n' => out.extend(b"\n    "),
+            b'\r' => out.extend(b"\\r"),
+            byte => out.push(*byte),
+        }
+    }
+    out.extend(end);
+    out
+}
+
 type Boxed = Box<dyn Layer<Registry> + Send + Sync>;
 
 fn layer(format: Format, is_daemon: bool) -> (Boxed, Option<io::Error>) {
     let lines = || {
-        let lines = fmt::layer().with_writer(io::stderr);
+        let lines = fmt::layer().with_writer(|| Lines);
         // Colours are for a terminal only, unless NO_COLOR is set.
         if io::stderr().is_terminal() {
             lines
@@ -70,4 +102,19 @@ fn stderr_is_the_journal() -> bool {
         return false;
     };
     rustix::fs::fstat(io::stderr()).is_ok_and(|stat| stream == format!("{}:{}", stat.st_dev, stat.st_ino))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_words_look_like_a_line_of_the_log() {
+        let forged = b"2026 INFO x\n2026 ERROR forged.mcap\r2026 is read\n";
+        assert_eq!(
+            String::from_utf8(with_margin(forged)).unwrap(),
+            "2026 INFO x\n    2026 ERROR forged.mcap\\r2026 is read\n"
+        );
+        assert_eq!(with_margin(b""), b"");
+    }
 }

@@ -69,7 +69,7 @@ impl Rods {
             last_record_s: register.put(
                 "rod_last_record_timestamp",
                 Some(Unit::Seconds),
-                "Start of a rod's latest record, rejected or not, since 1970; none that lies ahead of the clock",
+                "Start of a rod's latest record, rejected or not, since 1970; none that a wrong clock dated ahead",
             ),
             awaited_s: register.put(
                 "rod_awaited_timestamp",
@@ -84,8 +84,15 @@ impl Rods {
         let rod = outcome.rod();
         self.stands(rod, &verdict.state, &verdict.alarms);
         put(&self.awaited_s, rod, None);
-        if let Some(start) = outcome.start().filter(|start| is_past(*start, clock::now())) {
-            put(&self.last_record_s, rod, Some(seconds(start)));
+        let ahead = clock::latest_past(clock::now());
+        if let Some(start) = outcome.start().filter(|start| *start <= ahead) {
+            // A late record is not the latest.
+            let last = self
+                .last_record_s
+                .get(&OfRod { rod: rod.0.clone() })
+                .map(|last| last.get());
+            let last = last.unwrap_or(f64::NEG_INFINITY);
+            put(&self.last_record_s, rod, Some(seconds(start).max(last)));
         }
         if !matches!(outcome, Outcome::Rejected(_)) && verdict.set_aside.is_none() {
             let at_reference = verdict.at_reference.as_ref();
@@ -104,19 +111,15 @@ impl Rods {
         self.relative.clear();
         self.last_record_s.clear();
         self.awaited_s.clear();
-        let now = clock::now();
+        let ahead = clock::latest_past(clock::now());
         for standing in standings {
             let rod = &standing.rod;
             self.stands(rod, &standing.state, &standing.alarms);
             put(&self.awaited_s, rod, standing.awaited.map(seconds));
-            // One record of the year 2100 must not hide that nothing has come since.
-            let row = standing.latest_row();
-            let used = row.as_ref().ok().and_then(|row| row.as_ref()?.start);
-            let latest = [standing.latest_start, used];
-            let latest = latest.into_iter().flatten().find(|start| is_past(*start, now));
+            let latest = standing.latest_start.filter(|start| *start <= ahead);
             put(&self.last_record_s, rod, latest.map(seconds));
             // What an older segment's record says is relative to another baseline.
-            if let Ok(Some(row)) = row
+            if let Ok(Some(row)) = standing.latest_row()
                 && row.segment == Some(standing.segment)
             {
                 self.force(rod, row.force_n(), row.ratio());
@@ -159,13 +162,6 @@ fn put(gauges: &Family<OfRod, Quantity>, rod: &RodId, value: Option<f64>) {
             gauges.remove(&of);
         }
     }
-}
-
-/// Lead over the present beyond which a record was dated by a wrong clock \[s\].
-const AHEAD_S: f64 = 86_400.0;
-
-fn is_past(start: Timestamp, now: Timestamp) -> bool {
-    start.seconds_since(now) <= AHEAD_S
 }
 
 /// End of a record that gave a force \[s since 1970\].

@@ -135,6 +135,17 @@ impl Reader {
         )
     }
 
+    /// The last records of a rod, at most `most`, in the order of time.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn last_points(&self, rod: &RodId, most: usize) -> Result<Vec<Point>, StoreError> {
+        let condition = "rod = ? AND start_ns IS NOT NULL ORDER BY start_ns DESC, id DESC LIMIT ?";
+        let mut points = self.points_where(condition, (&rod.0, limit(most)))?;
+        points.reverse();
+        Ok(points)
+    }
+
     fn points_where(&self, condition: &str, parameters: impl Params) -> Result<Vec<Point>, StoreError> {
         let (mut points, mut places) = (Vec::new(), None);
         self.verified("record", condition, parameters, |row| {
@@ -369,12 +380,12 @@ impl Reader {
         found.iter().rev().map(|json| state::read(&rod.0, json)).collect()
     }
 
-    /// Configuration of the record committed last: hash, site, and the text with every default filled in.
+    /// Configuration taken into force last: hash, site, and the text with every default filled in.
     ///
     /// # Errors
     /// As [`Reader::points_after`].
     pub fn latest_config(&self) -> Result<Option<[String; 3]>, StoreError> {
-        self.config_where("hash = (SELECT config FROM record ORDER BY id DESC LIMIT 1)", ())
+        self.config_where("rowid = (SELECT max(rowid) FROM config)", ())
     }
 
     /// Configuration of a rod's record that began at `start`.

@@ -8,7 +8,7 @@ use crate::analysis::track::{Alarm, AlarmEvent, Period, RodState, Segment, State
 use crate::site::record_row::RecordRow;
 use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// A store open for reading.
@@ -40,40 +40,6 @@ pub enum Listing {
     Periods,
     /// Alarms, active or over.
     Alarms,
-}
-
-/// Status of one rod.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Standing {
-    /// Id of the rod.
-    pub rod: RodId,
-    /// State of the rod.
-    pub state: RodState,
-    /// Time of the last change of state, in event time.
-    pub since: Option<Timestamp>,
-    /// Number of the current segment.
-    pub segment: u32,
-    /// The JSON line of the rod's latest record that was not rejected.
-    pub latest: Option<String>,
-    /// The start of the rod's latest record, rejected or not.
-    pub latest_start: Option<Timestamp>,
-    /// Active alarms, in the order they were raised.
-    pub alarms: Vec<Alarm>,
-    /// Requests that wait for the rod's next record.
-    pub waiting: Vec<Request>,
-    /// Time since which a daemon has expected the rod's first record; `None` once it has come.
-    pub awaited: Option<Timestamp>,
-}
-
-impl Standing {
-    /// Row of the latest record that was not rejected.
-    ///
-    /// # Errors
-    /// Its line cannot be understood.
-    pub fn latest_row(&self) -> Result<Option<RecordRow>, StoreError> {
-        let latest = self.latest.as_deref();
-        latest.map(parse).transpose()
-    }
 }
 
 /// Parses a JSON line of the store.
@@ -413,61 +379,24 @@ impl Reader {
         rods().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
-    /// Status of every rod.
+    /// Rods that are known to be no longer configured.
     ///
     /// # Errors
     /// The store cannot be read.
-    pub fn standings(&self) -> Result<Vec<Standing>, StoreError> {
-        self.standings_of(None)
-    }
-
-    /// Status of one rod; `None` if it is not in the store.
-    ///
-    /// # Errors
-    /// The store cannot be read.
-    pub fn standing(&self, rod: &RodId) -> Result<Option<Standing>, StoreError> {
-        Ok(self.standings_of(Some(rod))?.pop())
-    }
-
-    fn standings_of(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, StoreError> {
-        let mut standings = self.try_standings(rod).map_err(|failure| self.fault(failure))?;
-        for standing in &mut standings {
-            standing.waiting = self.waiting(&standing.rod)?;
-        }
-        Ok(standings)
-    }
-
-    fn try_standings(&self, rod: Option<&RodId>) -> Result<Vec<Standing>, Failure> {
-        let mut statement = self.connection.prepare_cached(
-            "SELECT rod, detail, since, segment,
-                (SELECT json FROM line WHERE line.record =
-                    (SELECT id FROM record WHERE record.rod = rod.rod AND rejection IS NULL AND set_aside IS NULL
-                     ORDER BY start_ns DESC, id DESC LIMIT 1)),
-                (SELECT max(start_ns) FROM record WHERE record.rod = rod.rod),
-                (SELECT since FROM expected WHERE expected.rod = rod.rod
-                    AND NOT EXISTS (SELECT 1 FROM record WHERE record.rod = rod.rod))
-             FROM rod WHERE ?1 IS NULL OR rod = ?1 ORDER BY rod",
-        )?;
-        let mut rows = statement.query([rod.map(|rod| rod.0.as_str())])?;
-        let mut standings = Vec::new();
-        while let Some(row) = rows.next()? {
-            let (rod, detail): (String, String) = (row.get(0)?, row.get(1)?);
-            let since: Option<String> = row.get(2)?;
-            let latest_start: Option<i64> = row.get(5)?;
-            let awaited: Option<String> = row.get(6)?;
-            standings.push(Standing {
-                state: state::read(&rod, &detail)?,
-                since: since.as_deref().map(state::time).transpose()?,
-                segment: row.get(3)?,
-                latest: row.get(4)?,
-                latest_start: latest_start.map(Timestamp::from_nanos),
-                alarms: self.standing_alarms(&rod)?,
-                waiting: Vec::new(),
-                awaited: awaited.as_deref().map(state::time).transpose()?,
-                rod: RodId(rod),
-            });
-        }
-        Ok(standings)
+    pub fn unfollowed(&self) -> Result<BTreeSet<RodId>, StoreError> {
+        let read = || -> Result<BTreeSet<RodId>, Failure> {
+            let mut statement = self.connection.prepare_cached("SELECT rod, detail FROM rod")?;
+            let mut rows = statement.query(())?;
+            let mut unfollowed = BTreeSet::new();
+            while let Some(row) = rows.next()? {
+                let (rod, detail): (String, String) = (row.get(0)?, row.get(1)?);
+                if state::read::<RodState>(&rod, &detail)? == state::not_followed() {
+                    unfollowed.insert(RodId(rod));
+                }
+            }
+            Ok(unfollowed)
+        };
+        read().map_err(|failure| self.fault(failure))
     }
 
     /// Number of a rod's records in the store, and of those rejected. Reads every one of them.
@@ -548,19 +477,6 @@ impl Reader {
             rows.collect()
         };
         read().map_err(|error| self.fault(Failure::Sql(error)))
-    }
-
-    fn standing_alarms(&self, rod: &str) -> Result<Vec<Alarm>, Failure> {
-        let mut statement = self
-            .connection
-            .prepare_cached("SELECT json FROM alarm WHERE rod = ? AND stands = 1 ORDER BY raised_ns, id")?;
-        let mut rows = statement.query([rod])?;
-        let mut alarms = Vec::new();
-        while let Some(row) = rows.next()? {
-            let json: String = row.get(0)?;
-            alarms.push(state::read(rod, &json)?);
-        }
-        Ok(alarms)
     }
 }
 

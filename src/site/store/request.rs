@@ -4,6 +4,7 @@ use super::StoreError;
 use super::row::Row;
 use super::state::{Failure, time};
 use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::site::text;
 use rusqlite::Connection;
 
 /// A person's request to a store.
@@ -39,11 +40,21 @@ pub enum Asked {
 impl Asked {
     /// Acknowledgement of an alarm, with the person's name and note kept as `NAME: TEXT`.
     pub fn acknowledge(alarm: &str, by: Option<&str>, note: Option<&str>) -> Self {
-        let words = [by, note].into_iter().flatten().map(str::trim);
-        let words: Vec<&str> = words.filter(|words| !words.is_empty()).collect();
+        let words = [by, note].into_iter().flatten().map(text::one_line);
+        let words: Vec<String> = words
+            .map(|words| words.trim().to_owned())
+            .filter(|words| !words.is_empty())
+            .collect();
         Self::Acknowledge {
             alarm: alarm.to_owned(),
             said: (!words.is_empty()).then(|| words.join(": ")),
+        }
+    }
+
+    /// Request for a new baseline, with the reason in the person's words.
+    pub fn rebaseline(reason: Option<&str>) -> Self {
+        Self::Rebaseline {
+            reason: reason.map(text::one_line),
         }
     }
 

@@ -127,6 +127,7 @@ impl Kept {
             readings,
             filters,
             early,
+            before,
             closed,
             alarms,
             watches,
@@ -307,6 +308,13 @@ pub(super) fn time(text: &str) -> Result<Timestamp, StoreError> {
         what: format!("the time {text}"),
         detail: error.to_string(),
     })
+}
+
+/// Status of a rod that is no longer configured.
+pub(super) fn not_followed() -> RodState {
+    RodState::NotMonitoring {
+        reason: "not in the configuration: no record of it is taken".to_owned(),
+    }
 }
 
 /// Status of a rod by its state alone, for changes while no fold runs. The settings are not known here: a baseline that was

@@ -9,8 +9,9 @@
 //!
 //! A drifting thermometer moves every rod's compensated detector, but not the rods relative to each other: a
 //! drift that `peers` also detects is confirmed; rods whose compensated detectors move together are one notice
-//! of the site. A detector that stands in counts only what began since a better-informed one last looked: before, that one
-//! saw more. Another rod that drifts moves the median: a rod that shows a change only relative to the
+//! of the site. Any of its J rods may bring that on, so that it needs J times the evidence of an alarm: the bound on false ones is
+//! one for the site. A detector that stands in counts only what began since a better-informed one last looked and saw little: before,
+//! that one saw more, and what it had begun to see is not lost with it. Another rod that drifts moves the median: a rod that shows a change only relative to the
 //! median waits a few periods while a rod in the median shows a larger one. Once that rod is reported, the
 //! median goes on without its change.
 
@@ -31,12 +32,16 @@ const MOVING_SHARE: f64 = 0.25;
 /// Upper limit of the evidence: R grows without bound while a change lasts.
 const MOST_EVIDENCE: f64 = 1e12;
 
-/// Standard deviations of the predictive law from which a sudden change is reported at once.
-const TOLD_SD: f64 = 4.0;
+/// Standard deviations of the predictive law from which a sudden change is reported within days without a temperature: a smaller
+/// one is learned as weather by the broadest members of the bank.
+const TOLD_SD: f64 = 5.0;
 
 /// Periods between true changes of one rod, in periods between its false alarms: a change that the other rods confirm, and that is
 /// taken off their median, must be as much more certain than an alarm.
 const RARER: f64 = 10.0;
+
+/// Most periods with evidence of a change that a detector leaves to one that stands in for it.
+const SUSPICIOUS_PERIODS: u8 = 3;
 
 /// Settings of a watch besides its periods.
 #[derive(Debug, Clone, Copy)]
@@ -74,15 +79,38 @@ pub struct DriftWatch {
     without_others: u32,
     /// Number of periods in a row that no detector with temperature took.
     without_temperature: u32,
-    /// Mean times of the last periods that a detector with temperature took, and one with the other rods \[d\].
-    temperature_until: Option<f64>,
-    others_until: Option<f64>,
+    /// Until when a detector with temperature looked, one with the other rods, and the one with both.
+    by_temperature_until: Looked,
+    by_others_until: Looked,
+    by_both_until: Looked,
     /// True once this rod moved together with others of which one reported it.
     has_joined: bool,
     /// Sources of the last period: temperature, other rods.
     last: Sources,
     /// Detectors above their limit after the last period.
     above: Above,
+}
+
+/// Mean time \[d\] of the last period that a detector took with little evidence of a change afterwards, or of one soon after it: what
+/// it had begun to see must not be forgotten when it loses its inputs, and it tells a large change within so many periods.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+struct Looked {
+    until: Option<f64>,
+    /// Number of periods since, with more evidence.
+    suspicious: u8,
+}
+
+impl Looked {
+    /// Takes a period after which a detector has some evidence of a change since.
+    fn note(&mut self, measured: f64, detector: Option<&Detector>) {
+        let Some(detector) = detector else { return };
+        let is_suspicious = detector.statistic_since(self.until) > MOVING;
+        if is_suspicious && self.suspicious < SUSPICIOUS_PERIODS {
+            self.suspicious += 1;
+        } else {
+            (self.until, self.suspicious) = (Some(measured), 0);
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -134,6 +162,8 @@ pub(crate) enum Finding {
     Drift(Witness),
     /// It moved together with other rods: thermometer, weather, or the whole structure.
     Common,
+    /// It seems to move together with other rods; a notice of the site needs more evidence.
+    Waiting,
 }
 
 impl DriftWatch {
@@ -150,8 +180,9 @@ impl DriftWatch {
             companions: Companions::default(),
             without_others: 0,
             without_temperature: 0,
-            temperature_until: None,
-            others_until: None,
+            by_temperature_until: Looked::default(),
+            by_others_until: Looked::default(),
+            by_both_until: Looked::default(),
             has_joined: false,
             last: Sources::default(),
             above: Above::default(),
@@ -170,9 +201,13 @@ impl DriftWatch {
 
     /// R of the detector with the most inputs of late.
     pub fn evidence(&self) -> f64 {
-        let detector = self.current_watching().map(|one| &one.detector);
-        let informed = detector.or(self.current_peers());
-        informed.unwrap_or(&self.blind).statistic()
+        if self.current_watching().is_some() {
+            return self.watching_statistic();
+        }
+        match self.current_peers() {
+            Some(peers) => peers.statistic_since(self.by_temperature_until.until),
+            None => self.blind.statistic_since(self.informed_until()),
+        }
     }
 
     /// R of the detector with the most inputs that does not use the other rods, so that no other rod can raise it.
@@ -181,7 +216,7 @@ impl DriftWatch {
         let by_temperature = self.by_temperature.as_ref().or_else(knows_no_others);
         match by_temperature.filter(|_| self.last.alone) {
             Some(one) => one.detector.statistic(),
-            None => self.blind.statistic(),
+            None => self.blind.statistic_since(self.by_temperature_until.until),
         }
     }
 
@@ -197,10 +232,13 @@ impl DriftWatch {
             .map_or(0.0, |size| size * odds / (1.0 + odds))
     }
 
-    /// Mean time of the last period that a detector with temperature or other rods took \[d\].
+    /// Time until which a detector with temperature or other rods looked \[d\].
     fn informed_until(&self) -> Option<f64> {
-        let times = self.temperature_until.into_iter().chain(self.others_until);
-        times.reduce(f64::max)
+        let looked = [self.by_temperature_until, self.by_others_until];
+        looked
+            .into_iter()
+            .filter_map(|looked| looked.until)
+            .reduce(f64::max)
     }
 
     /// Size of the change as it stands now, as a share of the force; zero without one.
@@ -247,13 +285,13 @@ impl DriftWatch {
             None if found.has_few => u32::MAX,
             None => self.without_others.saturating_add(1),
         };
-        self.begin(terms, period, others);
+        self.begin(terms, period, median.is_some());
         let regressors = Regressors {
             reference_c: 0.0,
             origin: self.origin,
         };
         let mut law = None;
-        let mut at_reference = None;
+        let mut seen_alone = None;
         self.last = Sources::default();
         if let Some(compensated) = &mut self.compensated
             && let Some(columns) = compensated.columns(day, period.filtered_c.as_ref(), median)
@@ -265,7 +303,7 @@ impl DriftWatch {
             compensated.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
             let seen = seen(period, &columns);
             law = compensated.detector.step(&seen);
-            at_reference = compensated.change(&seen, terms.limit);
+            seen_alone = Some(columns);
             self.last.temperature = law.is_some();
             self.last.alone = law.is_some() && !compensated.knows_others;
         }
@@ -282,7 +320,7 @@ impl DriftWatch {
                 self.last.temperature |= by_temperature.is_some();
                 law = law.or(by_temperature);
             }
-            at_reference = alone.change(&seen, terms.limit);
+            seen_alone = Some(columns);
         }
         if let Some(median) = median {
             let peers = self
@@ -297,19 +335,22 @@ impl DriftWatch {
         } else {
             self.without_temperature.saturating_add(1)
         };
-        if self.last.temperature {
-            self.temperature_until = Some(measured);
-        }
-        if self.last.others {
-            self.others_until = Some(measured);
-        }
+        self.note_what_looked(measured);
         let blind_law = self.blind.step(&seen(period, &regressors.blind(day)));
         self.look(terms.limit);
+        // After the look: periods since the onset of a change that is reported now are no part of the level.
+        let at_reference = seen_alone.and_then(|columns: Vec<f64>| {
+            let measured_by = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
+            measured_by.change(&seen(period, &columns), terms.limit, self.above.any())
+        });
         let law = law.or(blind_law).unwrap_or(Law {
             mean: period.delta,
             sd: period.delta_sd,
             leverage: 1.0,
         });
+        // Beside a better-informed one its evidence is shown whole; standing in, it counts as that of an alarm does.
+        let stands_in = !(self.last.temperature || self.last.others);
+        let blind_since = self.informed_until().filter(|_| stands_in);
         let over = |statistic: f64| (statistic / terms.limit).min(MOST_EVIDENCE);
         Charted {
             expected: law.mean,
@@ -323,49 +364,62 @@ impl DriftWatch {
                 .map(|filtered| filtered[SHOWN])
                 .filter(|_| terms.thermal.is_some()),
             evidence: Evidence {
-                compensated: self.current_watching().map(|one| over(one.detector.statistic())),
-                peers: self.current_peers().map(|one| over(one.statistic())),
-                blind: Some(over(self.blind.statistic())),
+                // What did not take the period says nothing of it.
+                compensated: (self.watching().filter(|_| self.last.temperature))
+                    .map(|_| over(self.watching_statistic())),
+                peers: (self.peers.as_ref().filter(|_| self.last.others)).map(|one| over(one.statistic())),
+                blind: Some(over(self.blind.statistic_since(blind_since))),
             },
         }
     }
 
-    /// Begins the compensated detector with the first period that has its inputs. One without other rods
-    /// becomes that with temperature only once there are some.
-    fn begin(&mut self, terms: &Terms, period: &Period, others: &Others) {
-        let knows_others = others.count() >= companions::FEWEST;
-        if let Some(known) = &self.compensated {
-            if known.knows_others || !known.knows_temperature || !knows_others || period.filtered_c.is_none()
-            {
-                return;
-            }
-            self.by_temperature = self.compensated.take();
+    /// Begins the compensated detector with the first period that has its inputs. Once there are other rods, one with them goes on
+    /// beside it, with all it learned.
+    fn begin(&mut self, terms: &Terms, period: &Period, has_median: bool) {
+        if self.compensated.is_none() {
+            let (prior, reference_c) = match terms.thermal {
+                None => (BankPrior::unmoved(self.noise_sd), 0.0),
+                Some(thermal) => {
+                    let (Some(reference_c), Some(_)) = (terms.reference_c, period.filtered_c) else {
+                        return;
+                    };
+                    (BankPrior::thermal(self.noise_sd, thermal), reference_c)
+                }
+            };
+            let (origin, knows_temperature) = (period.start.days(), terms.thermal.is_some());
+            self.compensated = Some(Compensated::new(prior, reference_c, origin, knows_temperature));
         }
-        let (prior, reference_c) = match terms.thermal {
-            None => (BankPrior::unmoved(self.noise_sd), 0.0),
-            Some(thermal) => {
-                let (Some(reference_c), Some(_)) = (terms.reference_c, period.filtered_c) else {
-                    return;
-                };
-                let prior = if knows_others {
-                    BankPrior::thermal_and_peers(self.noise_sd, thermal)
-                } else {
-                    BankPrior::thermal(self.noise_sd, thermal)
-                };
-                (prior, reference_c)
-            }
-        };
-        let (origin, knows_temperature) = (period.start.days(), terms.thermal.is_some());
-        let begun = |prior, knows_others| {
-            Compensated::new(prior, reference_c, origin, knows_others, knows_temperature)
-        };
-        if let Some(thermal) = terms
-            .thermal
-            .filter(|_| knows_others && self.by_temperature.is_none())
+        let is_alone = |one: &Compensated| one.knows_temperature && !one.knows_others;
+        if has_median
+            && period.filtered_c.is_some()
+            && let Some(alone) = self.compensated.take_if(|one| is_alone(one))
         {
-            self.by_temperature = Some(begun(BankPrior::thermal(self.noise_sd, thermal), false));
+            // Of a watch made anew, the other rods had their say on what began before.
+            self.compensated = Some(alone.with_others(self.by_both_until.until.is_none()));
+            self.by_temperature = Some(alone);
         }
-        self.compensated = Some(begun(prior, knows_others && terms.thermal.is_some()));
+    }
+
+    /// Notes until when the detectors of this period, measured in the mean at a time \[d\], looked.
+    fn note_what_looked(&mut self, measured: f64) {
+        let [mut temperature, mut both, mut others] = [
+            self.by_temperature_until,
+            self.by_both_until,
+            self.by_others_until,
+        ];
+        let watching = self.watching().filter(|_| self.last.temperature);
+        temperature.note(measured, watching.map(|one| &one.detector));
+        let with_others = watching.filter(|one| one.knows_others);
+        both.note(measured, with_others.map(|one| &one.detector));
+        others.note(measured, self.peers.as_ref().filter(|_| self.last.others));
+        self.by_temperature_until = temperature;
+        self.by_both_until = both;
+        self.by_others_until = others;
+    }
+
+    /// Notes that a detector with the other rods, which is not there any more, looked until a time \[d\].
+    pub(crate) fn looked_beside_others(&mut self, until: f64) {
+        self.by_both_until.until = Some(until);
     }
 
     /// Compensated detector in use: that with the other rods, unless they are absent.
@@ -375,17 +429,30 @@ impl DriftWatch {
         alone.or(self.compensated.as_ref())
     }
 
+    /// Time from which on changes count for the detector in use: one with temperature only stands in for one with the other rods.
+    fn watching_since(&self) -> Option<f64> {
+        self.watching()
+            .filter(|one| !one.knows_others)
+            .and(self.by_both_until.until)
+    }
+
+    /// R of the detector in use.
+    fn watching_statistic(&self) -> f64 {
+        let since = self.watching_since();
+        self.watching()
+            .map_or(0.0, |one| one.detector.statistic_since(since))
+    }
+
     /// Finds the detectors above their limit. Periods since the onset of a change reported now do not count
     /// for commissioning.
     fn look(&mut self, limit: f64) {
         let was_told = self.above.any();
         let is_above = |detector: &Detector, since, limit| detector.statistic_since(since) > limit;
         let peers = |since, limit| (self.peers.as_ref()).is_some_and(|peers| is_above(peers, since, limit));
-        let watching = self.watching();
         self.above = Above {
-            compensated: watching.is_some_and(|one| is_above(&one.detector, None, limit)),
+            compensated: self.watching_statistic() > limit,
             peers: peers(None, RARER * limit),
-            peers_alone: peers(self.temperature_until, limit),
+            peers_alone: peers(self.by_temperature_until.until, limit),
             blind: is_above(&self.blind, self.informed_until(), limit),
         };
         if !was_told
@@ -396,9 +463,14 @@ impl DriftWatch {
                 .into_iter()
                 .flatten()
             {
-                known.withdraw(change.onset);
+                known.withdraw(change.onset_interval[0]);
             }
         }
+    }
+
+    /// True while other rods bear witness.
+    pub(crate) fn has_witnesses(&self) -> bool {
+        self.peers.is_some() && self.without_others <= companions::PATIENCE
     }
 
     /// Joint finding of the detectors after the last period, `index`. What shows only relative to the median may be another rod;
@@ -407,14 +479,18 @@ impl DriftWatch {
         if is_new && self.evidence_alone() <= MOVING && others.is_one_of_them(index, || self.size()) {
             return Finding::Quiet;
         }
-        let has_witnesses = self.peers.is_some() && self.without_others <= companions::PATIENCE;
-        let is_calm = others.count() < companions::FEWEST
-            || others.moving(index) as f64 <= MOVING_SHARE * others.count() as f64;
+        let has_witnesses = self.has_witnesses();
+        let is_calm = is_calm(others, index);
         if self.above.compensated {
             if has_witnesses && self.above.peers {
                 Finding::Drift(Witness::Confirmed)
             } else if !is_calm {
-                Finding::Common
+                let rods = (others.count() + 1) as f64;
+                if self.watching_statistic() > rods * self.limit {
+                    Finding::Common
+                } else {
+                    Finding::Waiting
+                }
             } else if has_witnesses {
                 Finding::Drift(Witness::Unconfirmed)
             } else {
@@ -437,8 +513,24 @@ impl DriftWatch {
 
     /// Onset, size and shape of the change, by the best-informed detector of the last period.
     pub(crate) fn change(&self) -> Option<Change> {
-        let change = |(detector, since): (&Detector, _)| detector.change_since(since);
+        // What stands in counts onsets since the middle of the last period that a better-informed one took. That period may have
+        // been a mixture: the onset may lie in it.
+        let change = |(detector, since): (&Detector, Option<f64>)| {
+            detector.change_since(
+                since,
+                since
+                    .zip(self.informed_from())
+                    .map(|(since, from)| since.min(from)),
+            )
+        };
         self.informed().find_map(change)
+    }
+
+    /// Start of the last period that any detector with temperature or other rods took \[d\].
+    fn informed_from(&self) -> Option<f64> {
+        let thermal = [&self.compensated, &self.by_temperature].into_iter().flatten();
+        let detectors = thermal.map(|one| &one.detector).chain(&self.peers);
+        detectors.filter_map(Detector::began).reduce(f64::max)
     }
 
     /// Detectors that had their inputs in the last period, the best-informed first, each with the time from which on its changes
@@ -447,8 +539,12 @@ impl DriftWatch {
         let is_compensated = self.last.temperature || self.above.compensated;
         let compensated = self.watching().filter(|_| is_compensated);
         let peers = self.peers.as_ref().filter(|_| self.last.others);
-        let first = compensated.map(|one| (&one.detector, None)).into_iter();
-        let second = peers.map(|peers| (peers, self.temperature_until)).into_iter();
+        let first = compensated
+            .map(|one| (&one.detector, self.watching_since()))
+            .into_iter();
+        let second = peers
+            .map(|peers| (peers, self.by_temperature_until.until))
+            .into_iter();
         first.chain(second).chain([(&self.blind, self.informed_until())])
     }
 
@@ -465,12 +561,13 @@ impl DriftWatch {
         let columns = compensated.columns(day, filtered_c, None)?;
         let seen = Seen {
             day,
+            began: day,
             measured: day,
             ratio,
             sd,
             columns: &columns,
         };
-        compensated.change(&seen, self.limit)
+        compensated.change(&seen, self.limit, self.above.any())
     }
 
     /// Predictive law of a record by the rod's own data only.
@@ -481,6 +578,7 @@ impl DriftWatch {
         };
         self.blind.predict(&Seen {
             day,
+            began: day,
             measured: day,
             ratio,
             sd,
@@ -533,10 +631,16 @@ impl DriftWatch {
     }
 }
 
+/// True unless too many of the other rods move: what moves them together is no change of one.
+pub(crate) fn is_calm(others: &Others, index: i64) -> bool {
+    others.count() < companions::FEWEST || others.moving(index) as f64 <= MOVING_SHARE * others.count() as f64
+}
+
 /// Input of a detector for a period.
 fn seen<'a>(period: &Period, columns: &'a [f64]) -> Seen<'a> {
     Seen {
         day: period.start.days(),
+        began: period.began().days(),
         measured: period.time().days(),
         ratio: period.delta,
         sd: period.delta_sd,
@@ -570,6 +674,17 @@ mod tests {
 
     /// Follows a rod without others: -1 % a kelvin, no temperature in `dark` days.
     fn follow(days: i64, celsius: impl Fn(i64) -> f64, dark: impl Fn(i64) -> bool) -> Vec<Finding> {
+        let all = chart(days, celsius, dark, |_| 0.0);
+        all.into_iter().map(|(_, finding)| finding).collect()
+    }
+
+    /// The same, with a change of force.
+    fn chart(
+        days: i64,
+        celsius: impl Fn(i64) -> f64,
+        dark: impl Fn(i64) -> bool,
+        change: impl Fn(i64) -> f64,
+    ) -> Vec<(Charted, Finding)> {
         let mut watch = DriftWatch::new(0.0, 0.002);
         let one = |index: i64| {
             let warmer = celsius(index) - 10.0;
@@ -577,9 +692,10 @@ mod tests {
             let period = Period {
                 index,
                 start: start_of(index, DAY_S),
+                began: None,
                 measured: None,
                 records: 1,
-                delta: -0.01 * warmer + noise,
+                delta: -0.01 * warmer + noise + change(index),
                 delta_sd: 0.002,
                 filtered_c: (!dark(index)).then_some([celsius(index); FILTERS_D.len()]),
                 lagged_c: None,
@@ -587,8 +703,8 @@ mod tests {
                 not_axial_p: 1.0,
                 charted: None,
             };
-            watch.step(&terms(), &period, false, &Others::default(), DAY_S);
-            watch.finding(&Others::default(), index, false)
+            let charted = watch.step(&terms(), &period, false, &Others::default(), DAY_S);
+            (charted, watch.finding(&Others::default(), index, false))
         };
         (0..days).map(one).collect()
     }
@@ -601,5 +717,43 @@ mod tests {
         assert!(blind.contains(&Finding::Drift(Witness::Blind)), "{blind:?}");
         let gaps = follow(80, celsius, |day| matches!(day, 66 | 70));
         assert!(gaps.iter().all(|found| *found == Finding::Quiet), "{gaps:?}");
+    }
+
+    #[test]
+    fn a_change_before_the_tenth_period_is_not_learned_into_the_level() {
+        let celsius = |day: i64| 10.0 + 2.0 * (day as f64 / 5.0).sin();
+        // The sixth period holds the change and is a mixture.
+        let change = |day: i64| {
+            if day < 6 {
+                0.0
+            } else {
+                -0.08 * if day == 6 { 0.4 } else { 1.0 }
+            }
+        };
+        let charted = chart(40, celsius, |_| false, change);
+        let told = charted
+            .iter()
+            .position(|(_, finding)| *finding == Finding::Drift(Witness::Alone));
+        assert!(matches!(told, Some(7..=9)), "{told:?}");
+        let told = told.unwrap();
+        assert!(
+            charted[..told]
+                .iter()
+                .all(|(charted, _)| charted.at_reference.is_none())
+        );
+        for (charted, _) in &charted[told + 1..] {
+            let (change, sd) = (charted.at_reference.unwrap(), charted.at_reference_sd.unwrap());
+            assert!((change + 0.08).abs() < 3.0 * sd && sd < 0.02, "{change} {sd}");
+        }
+    }
+
+    #[test]
+    fn a_detector_that_did_not_take_a_period_has_no_evidence_of_it() {
+        let celsius = |day: i64| 10.0 + 2.0 * (day as f64 / 5.0).sin();
+        let charted = chart(70, celsius, |day| day >= 60, |_| 0.0);
+        for (day, (charted, _)) in charted.iter().enumerate() {
+            assert_eq!(charted.evidence.compensated.is_some(), day < 60, "{day}");
+            assert!(charted.evidence.blind.is_some());
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! State of one rod from record to record.
 
 use super::early::EarlyWatch;
+use super::loss::Before;
 use super::packed::Packed;
 use super::verdict::RodState;
 use crate::signal::record::{Reading, RodId, Timestamp};
@@ -81,6 +82,9 @@ pub struct State {
     /// Watch over the records of the future baseline.
     #[serde(default)]
     pub early: Option<EarlyWatch>,
+    /// Law of the ratio before a large loss that is suspected or stands.
+    #[serde(default)]
+    pub before: Option<Before>,
     /// Number of the last closed period.
     pub closed: Option<i64>,
     /// Closed periods of this segment, ascending. The store keeps them in rows of their own.
@@ -120,6 +124,7 @@ impl State {
             filters: Filters::default(),
             watch: Packed::default(),
             early: None,
+            before: None,
             closed: None,
             periods: Vec::new(),
             alarms: Vec::new(),
@@ -187,6 +192,7 @@ impl State {
     pub fn back_after(mut self, now: &Self) -> Self {
         self.alarms = now.alarms.clone();
         self.watches = Watches::default();
+        self.before = None;
         self.open = Vec::new();
         self.readings = now.readings.clone();
         self.filters = now.filters.clone();

@@ -1,10 +1,10 @@
 //! The fold: one `step` per record, in order of arrival.
 
 use super::explain::explain;
-use super::monitor;
 use super::plan::TrackPlan;
 use super::state::{Opening, State};
 use super::verdict::{Input, RodState, Verdict};
+use super::{growth, monitor};
 use crate::identify::Plan;
 use crate::signal::record::{Reading, RodId, Timestamp};
 use crate::track::alarm::{AlarmEvent, Board, Cause, Kind, Known, Standing};
@@ -20,7 +20,7 @@ use std::sync::Arc;
 const LOSS_RECORDS: usize = 2;
 
 /// Least silence worth an alarm, in usual distances between records.
-const SILENCE_INTERVALS: f64 = 3.5;
+pub const SILENCE_INTERVALS: f64 = 3.5;
 
 /// One rod's fold: its state and the data derived from it.
 #[derive(Clone)]
@@ -327,7 +327,7 @@ impl Tracker {
         }
         let mut drifts = self.state.alarms.iter().filter(|alarm| alarm.kind == Kind::Drift);
         let renewed = if drifts.any(|alarm| alarm.is_due(time, repeat_s)) {
-            monitor::change_now(self).map(|change| {
+            growth::change_grown(self).map(|change| {
                 let alternatives = explain(self, &change, None);
                 (change, alternatives)
             })

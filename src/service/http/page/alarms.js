@@ -7,7 +7,7 @@ const said = el("p", { role: "status", id: "said" });
 const standing = el("button", { type: "button", "aria-pressed": "true", onclick: () => pick(true) }, "standing");
 const all = el("button", { type: "button", "aria-pressed": "false", onclick: () => pick(false) }, "all");
 const list = el("div", {});
-const more = el("button", { type: "button", hidden: true, onclick: () => { pages += 1; draw(); } }, "older ones");
+const more = el("button", { type: "button", hidden: true, onclick: () => { pages += 1; redraw(); } }, "older ones");
 let onlyStanding = true, pages = 1;
 
 function pick(only) {
@@ -15,7 +15,7 @@ function pick(only) {
   pages = 1;
   standing.setAttribute("aria-pressed", String(only));
   all.setAttribute("aria-pressed", String(!only));
-  draw();
+  redraw();
 }
 
 // Asks for name, note and token of an acknowledgement; null if cancelled. Name and token are kept in this tab.
@@ -74,9 +74,12 @@ function row(alarm) {
 }
 
 async function draw() {
+  const only = onlyStanding;
   let alarms = [], before = "", next = null;
   for (let page = 0; page < pages; page += 1) {
-    const answer = await ask(`/api/v1/alarms?limit=100&standing=${onlyStanding}${before}`);
+    const answer = await ask(`/api/v1/alarms?limit=100&standing=${only}${before}`);
+    // The other button was pressed meanwhile: it is drawn next.
+    if (only !== onlyStanding) return;
     alarms = alarms.concat(answer.alarms);
     next = answer.next;
     if (!next) break;
@@ -85,8 +88,8 @@ async function draw() {
   more.hidden = !next;
   list.replaceChildren(alarms.length
     ? table("Times are UTC, those of the data that raised it.", [["raised"], ["rod"], ["kind"], ["what it says"], ["is"], ["to do"]], alarms.map(row))
-    : el("p", {}, onlyStanding ? "No alarm stands." : "There was no alarm."));
+    : el("p", {}, only ? "No alarm stands." : "There was no alarm."));
 }
 
 show(content, el("div", { class: "tools", role: "group", "aria-label": "Which alarms" }, standing, all), said, list, more);
-live(draw);
+const redraw = live(draw);

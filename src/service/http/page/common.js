@@ -1,8 +1,9 @@
 // Functions shared by every document of the page: requests, elements, formatted numbers, the live stream.
 
 export async function ask(path, options) {
-  const response = await fetch(path, { headers: { accept: "application/json" }, ...options });
-  const text = await response.text();
+  const { response, text } = await fetch(path, { headers: { accept: "application/json" }, ...options })
+    .then(async (response) => ({ response, text: await response.text() }))
+    .catch((error) => { throw Object.assign(new Error(error.message), { isUnanswered: true }); });
   let body = null;
   try { body = JSON.parse(text); } catch { /* an answer that is no JSON is shown as it is */ }
   if (!response.ok) {
@@ -62,20 +63,23 @@ function ago(s) {
   return `${Math.max(Math.floor(s), 0)} s ago`;
 }
 
-// Age from which data are stale [s]: the silence that raises an alarm, at least 3.5 times the usual distance of records; zero while
-// that alarm is active, null if unknown.
-export function staleAfter(status, silence_s, usual_s) {
-  if (status.alarms.some((alarm) => alarm.kind === "no-data" && !alarm.cleared)) return 0;
-  return silence_s === null ? null : Math.max(silence_s, 3.5 * usual_s);
+// Items by a key, in the order of their first ones. (Map.groupBy is missing in browsers before 2024.)
+export function grouped(items, key) {
+  const groups = new Map();
+  for (const item of items) {
+    const group = groups.get(key(item));
+    if (group) group.push(item); else groups.set(key(item), [item]);
+  }
+  return groups;
 }
 
-// Age of the data, updated as time passes.
+// Age of the data, updated as time passes; data ahead of this clock say nothing of how old they are, and are never fresh.
 export function age(text, stale_s) {
   const element = el("span", { class: "age" });
   const tell = () => {
     const s = (Date.now() - Date.parse(text)) / 1e3;
     element.textContent = text ? ago(s) : "never";
-    element.className = `age ${text && (stale_s === null || s <= stale_s) ? "fresh" : "stale"}`;
+    element.className = `age ${text && s >= -60 && (stale_s === null || s <= stale_s) ? "fresh" : "stale"}`;
   };
   element.addEventListener("tick", tell);
   tell();
@@ -108,12 +112,15 @@ export function force(status, show) {
 
 export const rodLink = (rod) => `/rod?id=${encodeURIComponent(rod)}`;
 
+// Records that a wrong clock dated after the latest one.
+export const ahead = (status) => (status.records_ahead ? el("small", {}, `${fixed(status.records_ahead, 0)} dated after that by a wrong clock`) : null);
+
 // State of a rod, updated as time passes: a rod whose data are stale is not followed, whatever state its last record left.
-export function state(status, stale_s) {
+export function state(status) {
   const element = el("span", {});
   const tell = () => {
     const s = (Date.now() - Date.parse(status.latest_record)) / 1e3;
-    const isStale = ["monitoring", "learning"].includes(status.state) && status.latest_record && stale_s !== null && s > stale_s;
+    const isStale = ["monitoring", "learning"].includes(status.state) && status.latest_record && status.stale_after_s !== null && s > status.stale_after_s;
     element.textContent = isStale ? `no new data (${status.state})` : status.state.replace("-", " ");
     element.className = `state ${isStale ? "stale" : status.state}`;
   };
@@ -159,13 +166,26 @@ export function show(content, ...children) {
 
 // Shows the reason for a missing answer above the present content; content that was never drawn stays hidden.
 function failed(content, error) {
-  const words = error.status ? error.message.charAt(0).toUpperCase() + error.message.slice(1) : `The server did not answer: ${error.message}`;
+  const words = error.status ? error.message.charAt(0).toUpperCase() + error.message.slice(1)
+    : error.isUnanswered ? `The server did not answer: ${error.message}`
+    : `This page broke: ${error.message}. Please report this, with the name and version of your browser; tirante status and tirante report say the same as the page.`;
   document.querySelector(".failed")?.remove();
   content.before(el("p", { class: "note failed", role: "alert" }, words));
   content.hidden = content.getAttribute("aria-busy") === "true";
 }
 
-// Calls `draw` when the server's stream of commits opens and after each of them, one call at a time; a burst ends in one call.
+// Runs what was asked for on the page; if it fails, the reason is shown.
+export async function attempt(content, work) {
+  try {
+    await work();
+    document.querySelector(".failed")?.remove();
+  } catch (error) {
+    failed(content, error);
+  }
+}
+
+// Calls `draw` when the server's stream of commits opens and after each of them, one call at a time; a burst ends in one call. Returns
+// the function that draws anew in the same way.
 export function live(draw) {
   const light = document.getElementById("live"), content = document.getElementById("content");
   let isDrawing = false, isAsked = false, isBegun = false;
@@ -204,4 +224,5 @@ export function live(draw) {
   };
   connect();
   setTimeout(() => { if (!isBegun) redraw(); }, 700);
+  return redraw;
 }

@@ -109,7 +109,7 @@ export function charts(plot, chart, axis) {
   const x = ms(chart.time);
   const series = [["temperature and other rods", chart.evidence, "c1"], ["other rods alone", chart.evidence_peers, "c2"], ["this rod alone", chart.evidence_blind, "c3"]]
     .filter(([, values]) => values.some((value) => value !== null))
-    .map(([name, values, shade]) => ({ name, shade, x, y: scaled(values, (value) => Math.min(Math.max(value, 1e-5), 1e3)) }));
+    .map(([name, values, shade]) => ({ name, shade, x, y: scaled(values, (value) => Math.min(Math.max(value, 1e-5), 1e3)), saved: { y: values } }));
   plot.draw({ x: axis, y: { title: "evidence / limit", isLog: true, range: [-4.2, 3.1] }, series, levels: [{ at: 1, label: "alarm above 1", shade: "alarm" }], zoom: axis.zoom });
   return series.length > 0;
 }
@@ -142,8 +142,9 @@ export function spectrum(plot, snapshot) {
 const UNITS = { axial_force_n: ["axial force [kN]", 1e-3], youngs_modulus_pa: ["Young's modulus [GPa]", 1e-9], density_kg_m3: ["density [kg/m\u00b3]", 1],
   side_m: ["side [mm]", 1e3], diameter_m: ["diameter [mm]", 1e3], width_m: ["width [mm]", 1e3], height_m: ["height [mm]", 1e3], length_m: ["length [m]", 1],
   flexural_rigidity_n_m2: ["flexural rigidity [kN m\u00b2]", 1e-3], mass_per_length_kg_m: ["mass per length [kg/m]", 1],
-  spring_left_n_m: ["left spring [kN/m]", 1e-3], spring_right_n_m: ["right spring [kN/m]", 1e-3] };
-export const quantity = (key) => UNITS[key] ?? [key.replaceAll("_", " "), 1];
+  spring_left_n_m: ["left support stiffness [kN m/rad]", 1e-3], spring_right_n_m: ["right support stiffness [kN m/rad]", 1e-3],
+  fixity_left: ["left fixity [0 hinge, 1 clamp]", 1], fixity_right: ["right fixity [0 hinge, 1 clamp]", 1] };
+export const quantity = (key) => UNITS[key] ?? [`${key} [SI]`, 1];
 
 export function density(plot, density) {
   const [title, factor] = quantity(density.quantity);

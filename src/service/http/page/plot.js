@@ -1,6 +1,6 @@
 // A plot as SVG: lines with bands, points, marks, a time or number axis, zoom by dragging, export as CSV, SVG or PNG.
 
-import { el, fixed } from "./common.js";
+import { el, fixed, grouped } from "./common.js";
 
 const DAY = 86_400_000;
 const MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"];
@@ -114,6 +114,9 @@ const SYMBOLS = {
 // A figure that is drawn into again and again. A series: name, `key` if its name may change, shade, x, y and, if it has any, low and high, `line`, `points`,
 // `symbol`, `labels`, `notes`, `saved`, `off`. A spec: x and y ({title, isTime, isLog, range}), series, stretches, levels, events, zoom.
 export class Plot {
+  // Id of the rod that the plots are of.
+  static owner = "";
+
   constructor(id, caption, isLow = false) {
     this.id = id;
     this.off = new Map();
@@ -122,10 +125,11 @@ export class Plot {
     this.tip = el("div", { class: "tip", hidden: true });
     this.plot = el("div", { id, class: isLow ? "plot low" : "plot" }, this.tip);
     const button = (name, what) => el("button", { type: "button", "aria-label": `save ${id} as ${name}`, onclick: what }, name);
+    this.whole = el("button", { type: "button", class: "whole", hidden: true, onclick: () => this.zoom(null) }, "whole figure");
     this.element = el("figure", {}, this.legend, this.plot, this.words, el("div", { class: "save" }, "save ",
-      button("CSV", () => save(`${this.id}.csv`, new Blob([this.csv()], { type: "text/csv" }))),
-      button("SVG", () => save(`${this.id}.svg`, new Blob([this.picture()], { type: "image/svg+xml" }))),
-      button("PNG", () => this.png())));
+      button("CSV", () => save(this.file("csv"), new Blob([this.csv()], { type: "text/csv" }))),
+      button("SVG", () => save(this.file("svg"), new Blob([this.picture()], { type: "image/svg+xml" }))),
+      button("PNG", () => this.png()), this.whole));
     // It calls at once, too: what is drawn in this size already stays.
     new ResizeObserver(() => {
       if (this.plot.clientWidth !== this.size?.[0] || this.plot.clientHeight !== this.size[1]) this.render();
@@ -133,7 +137,12 @@ export class Plot {
     this.listen();
   }
 
+  // Name of a saved file: `south-relative.csv`.
+  file(ending) { return `${[Plot.owner, this.id].filter(Boolean).join("-").replace(/[^\p{L}\p{N}._-]+/gu, "-")}.${ending}`; }
+
   draw(spec) {
+    // A stretch of one quantity is none of another.
+    if (spec.x.title !== this.spec?.x.title) this.own = null;
     this.spec = spec;
     for (const one of spec.series) {
       one.key ??= one.name;
@@ -150,6 +159,9 @@ export class Plot {
 
   range() {
     const { x } = this.spec;
+    const isSeen = ([from, to]) => this.spec.series.some((one) => one.x.some((at, i) => at >= from && at <= to && one.y[i] !== null));
+    if (this.own && !isSeen(this.own)) this.own = null;
+    this.whole.hidden = !this.own;
     if (this.own) return this.own;
     if (x.range) return x.range;
     const all = this.spec.series.flatMap((one) => one.x.filter((_, i) => one.y[i] !== null));
@@ -375,7 +387,7 @@ export class Plot {
     const saved = shown.map((one) => ({ unit, ...one, ...one.saved }));
     const heads = saved.flatMap((one) => [...["", ...(one.low ? [" 2.5 %", " 97.5 %"] : [])].map((end) => `${one.name}${end} ${one.unit}`.trim()), ...(one.notes ? [`${one.name}: note`] : [])]);
     // Points without a line share places: each has a row of its own.
-    const found = shown.map((one) => Map.groupBy(one.x.map((_, i) => i).filter((i) => one.y[i] !== null), (i) => one.x[i]));
+    const found = shown.map((one) => grouped(one.x.map((_, i) => i).filter((i) => one.y[i] !== null), (i) => one.x[i]));
     const turns = (at) => [...Array(Math.max(...found.map((of) => of.get(at)?.length ?? 0))).keys()];
     const rows = places.flatMap((at) => turns(at).map((turn) => [at, turn])).map(([at, turn]) => [x.isTime ? new Date(at).toISOString() : at, ...saved.flatMap((one, n) => {
       const i = found[n].get(at)?.[turn];
@@ -399,7 +411,7 @@ export class Plot {
     const body = getComputedStyle(document.body), w = this.plot.clientWidth, h = this.plot.clientHeight;
     const colour = (shade) => getComputedStyle(document.documentElement).getPropertyValue(`--${shade}`).trim();
     const lines = [];
-    for (const word of this.words.textContent.split(" ")) {
+    for (const word of [Plot.owner ? `${Plot.owner}:` : "", this.words.textContent].join(" ").trim().split(" ")) {
       const line = `${lines.at(-1) ?? ""} ${word}`;
       if (lines.length && width(line) < w - 20) lines[lines.length - 1] = line; else lines.push(word);
     }
@@ -418,7 +430,7 @@ export class Plot {
     image.onload = () => {
       const canvas = el("canvas", { width: 2 * image.width, height: 2 * image.height });
       canvas.getContext("2d").drawImage(image, 0, 0, canvas.width, canvas.height);
-      canvas.toBlob((blob) => save(`${this.id}.png`, blob), "image/png");
+      canvas.toBlob((blob) => save(this.file("png"), blob), "image/png");
     };
     image.src = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(this.picture())}`;
   }

@@ -1,6 +1,6 @@
 // One rod: state, forces over time, events, records.
 
-import { age, alarmNote, ask, day, degrees, doubts, el, fixed, force, interval, isAlone, kilonewtons, live, newest, next, percent, share, show, staleAfter, state, table, time, why } from "./common.js";
+import { age, ahead, alarmNote, ask, attempt, day, degrees, doubts, el, fixed, force, interval, isAlone, kilonewtons, live, newest, next, percent, share, show, state, table, time, why } from "./common.js";
 import * as figures from "./figures.js";
 import * as latest from "./latest.js";
 import { Plot } from "./plot.js";
@@ -11,6 +11,7 @@ const content = document.getElementById("content");
 document.getElementById("title").textContent = id;
 document.title = `${id} - Tirante`;
 
+Plot.owner = id;
 const notes = el("div", {}), facts = el("dl", { class: "facts" });
 const relative = new Plot("relative", ""), charts = new Plot("charts",
   "Evidence of a change of force over its limit: an alarm is raised where the line crosses 1; beyond 1000 it is drawn at 1000. The other lines stand in where there is no temperature.", true);
@@ -19,25 +20,38 @@ const thermal = new Plot("thermal", "");
 const frequencies = new Plot("frequencies", "");
 const temperature = new Plot("temperature", "Temperature of the records.", true);
 const events = el("details", { id: "events" });
-const records = el("div", {}), older = el("button", { type: "button", hidden: true, onclick: () => drawRecords(true) }, "older ones");
-const rejectedOnly = el("input", { type: "checkbox", id: "rejected", onchange: () => drawRecords() });
+const records = el("div", {}), older = el("button", { type: "button", hidden: true, onclick: () => attempt(content, () => drawRecords(true)) }, "older ones");
+const rejectedOnly = el("input", { type: "checkbox", id: "rejected", onchange: () => attempt(content, () => drawRecords()) });
+const nothing = el("p", { class: "note calm", id: "nothing", hidden: true });
 
 // Time range shown: a number of last days, everything (null), or the zoomed range. It is kept in the address.
-const DAY = 86_400_000;
+const DAY = 86_400_000, FIRST = Date.UTC(1970), LAST = Date.UTC(2200);
 let days = 365, zoomed = null, rod = null, alarms = [], look = null, shown = [], following = null;
 
 function recall() {
   const kept = new URLSearchParams(location.hash.slice(1));
   const range = ["from", "to"].map((key) => Date.parse(kept.get(key)));
-  zoomed = range.every(Number.isFinite) && range[0] < range[1] ? range : null;
+  zoomed = range.every(Number.isFinite) && range[0] < range[1] ? within(range, FIRST, LAST) : null;
   days = kept.get("days") === "all" ? null : Number(kept.get("days")) || 365;
 }
 
+// A range moved, and shortened if it is longer than there is room, to lie between two times; at least a second long.
+function within([from, to], first, last) {
+  const length = Math.min(Math.max(to - from, 1000), last - first);
+  const begin = Math.min(Math.max((from + to - length) / 2, first), last - length);
+  return [Math.round(begin), Math.round(begin + length)];
+}
+
+// Shows the last days, or a range: at most as far from the records on either side as they are long.
 function go(length, range) {
   [days, zoomed] = [length, range];
-  const to_the_second = (ms) => `${new Date(ms).toISOString().slice(0, 19)}Z`;
-  history.pushState(null, "", `#${zoomed ? `from=${to_the_second(zoomed[0])}&to=${to_the_second(zoomed[1])}` : `days=${days ?? "all"}`}`);
-  drawHistory();
+  if (zoomed && rod?.span) {
+    const [first, end] = rod.span.map((text) => Date.parse(text));
+    zoomed = within(zoomed, Math.max(2 * first - end, FIRST), Math.min(2 * end - first, LAST));
+  }
+  const iso = (ms) => new Date(ms).toISOString();
+  history.pushState(null, "", `#${zoomed ? `from=${iso(zoomed[0])}&to=${iso(zoomed[1])}` : `days=${days ?? "all"}`}`);
+  attempt(content, drawHistory);
 }
 
 function stretch() {
@@ -67,6 +81,7 @@ async function drawHistory() {
   tools.hidden = !rod?.span;
   for (const button of ranges) button.setAttribute("aria-pressed", String(!zoomed && button.dataset.days === String(days)));
   const range = stretch();
+  nothing.hidden = true;
   if (!range) {
     for (const { element } of [relative, absolute, charts, thermal, frequencies, temperature]) element.hidden = true;
     for (const [heading] of headings) heading.hidden = true;
@@ -77,6 +92,8 @@ async function drawHistory() {
     ask(`${base}/history?from=${from}&to=${to}&points=1200`), ask(`${base}/chart`), ask(`${base}/frequencies?from=${from}&to=${to}&points=600`)]);
   // A later call has taken over.
   if (mine !== turn) return;
+  nothing.hidden = history.time.length > 0;
+  nothing.textContent = `No record lies between ${range.map((ms) => time(new Date(ms).toISOString())).join(" and ")} UTC.`;
   const axis = { isTime: true, range, zoom: (range) => go(days, range) };
   const each = history.step_s === null ? "each point is one record" : `each point is the mean of ${length_of(history.step_s)}`;
   const reference = history.relative_force_at_reference.mean.findLast((value) => value !== null);
@@ -146,23 +163,33 @@ function recordRow(record) {
     cell("result", "", [`${said}${motion}`, ...words].join("; ")));
 }
 
+let listTurn = 0, isGrowing = false, listedOnly = false;
+
 async function drawRecords(isOlder = false) {
+  const mine = (listTurn += 1);
   const before = isOlder && following ? `&before=${encodeURIComponent(following)}` : "";
-  const answer = await ask(`${base}/records?limit=25&rejected=${rejectedOnly.checked}${before}`);
+  // Older ones go on the list that is shown, whatever is ticked meanwhile.
+  const only = isOlder ? listedOnly : rejectedOnly.checked;
+  older.disabled = true;
+  isGrowing = isOlder;
+  let answer;
+  try {
+    answer = await ask(`${base}/records?limit=25&rejected=${only}${before}`);
+  } finally {
+    if (mine === listTurn) older.disabled = isGrowing = false;
+  }
+  // A later call has taken over.
+  if (mine !== listTurn) return;
+  listedOnly = only;
   shown = isOlder ? shown.concat(answer.records) : answer.records;
   following = answer.next;
   older.hidden = !following;
   records.replaceChildren(shown.length
     ? table("The latest first; times are UTC. Each force says at which temperature it is.", [["start"], ["length [s]", "n"], ["frequencies [Hz]"], ["force, record alone [kN]", "n"], ["force given the baseline [kN]", "n"], ["change [%]", "n"], ["result"]], shown.map(recordRow))
-    : el("p", {}, answer.older_lines_removed ? "" : rejectedOnly.checked ? "None was rejected." : "There are no records."));
+    : el("p", {}, answer.older_lines_removed ? "" : only ? "None was rejected." : "There are no records."));
   if (answer.older_lines_removed) {
     records.append(el("p", { class: "note calm" }, "Older records are no longer listed one by one ([store] keep_lines_d); tirante history --format csv has their numbers."));
   }
-}
-
-function stale_s() {
-  const length = rod.span && rod.records > 2 ? (Date.parse(rod.span[1]) - Date.parse(rod.span[0])) / 1e3 / rod.records : 0;
-  return staleAfter(rod, rod.silence_s, length);
 }
 
 function drawFacts() {
@@ -180,18 +207,18 @@ function drawFacts() {
     ...(coming ? [el("p", { class: "note calm", id: "next" }, coming.charAt(0).toUpperCase() + coming.slice(1))] : []),
     ...rod.waiting.map((request) => el("p", { class: "note calm" }, `asked for, waits for the next record: ${request}`)));
   facts.replaceChildren(
-    fact("state", state(rod, stale_s()), small(why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
+    fact("state", state(rod), small(why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
     fact(`axial force${rod.force_n || rod.axial_force_n ? at : ""} [kN]`, ...force(rod, kilonewtons),
       small(isAlone(rod) ? "of the latest record alone" : rod.force_n ? "given the baseline" : "no record has given one yet"),
       rod.compensated && record?.tracked_force_n && own !== null ? small(`the same record at its own ${degrees(own)}: ${kilonewtons(record.tracked_force_n.mean)}`) : null),
     ...(rod.relative_force ? [fact(`change since the baseline${at} [%]`, mark, ...interval(rod.relative_force, (r) => percent(r)))] : []),
     ...(onset ? [fact("onset of the change", day(onset.onset), small(`${day(onset.onset_q025)} to ${day(onset.onset_q975)} (95 %)`))] : []),
-    fact("last record", time(rod.latest_record), small(age(rod.latest_record, stale_s())), small(`${fixed(rod.records, 0)} record${rod.records === 1 ? "" : "s"} in all, ${fixed(rejected, 1)} % rejected`)),
+    fact("last record", time(rod.latest_record), small(age(rod.latest_record, rod.stale_after_s)), ahead(rod), small(`${fixed(rod.records, 0)} record${rod.records === 1 ? "" : "s"} in all, ${fixed(rejected, 1)} % rejected`)),
     fact("baseline", segment?.baseline ? time(segment.baseline[0]) : "not yet", small(segment
       ? `segment ${segment.number} (${segment.reason})${segment.baseline ? `, ${segment.baseline_records} records` : ""}${segment.fault ? `; ${segment.fault}` : ""}` : "")),
     fact("temperature", rod.thermal ? `${fixed(rod.thermal.slope_per_k * 100, 3)} % per K` : rod.compensated ? `compensated, ${figures.atReference(rod)}` : "not compensated", rod.thermal
       ? small(`\u00b1 ${fixed(196 * rod.thermal.slope_sd_per_k, 3)} (95 %)${rod.reference_temperature_c === null ? "" : `, reference ${degrees(rod.reference_temperature_c)}`}`) : null));
-  newest(rod.latest_record, stale_s());
+  newest(rod.latest_record, rod.stale_after_s);
 }
 
 function drawEvents() {
@@ -205,7 +232,8 @@ function drawEvents() {
 }
 
 async function draw() {
-  const listed = shown.length <= 25 ? drawRecords() : null;
+  // A list that is long already, or grows, is left to whoever reads it.
+  const listed = shown.length <= 25 && !isGrowing ? drawRecords() : null;
   const [answer, page, single] = await Promise.all([ask(base), ask(`/api/v1/alarms?rod=${encodeURIComponent(id)}&limit=100`), ask(`${base}/latest`)]);
   [rod, alarms, look] = [answer, page.alarms, single];
   drawFacts();
@@ -214,12 +242,12 @@ async function draw() {
   await Promise.all([drawHistory(), listed]);
 }
 
-show(content, notes, facts, tools,
+show(content, notes, facts, tools, nothing,
   headings[0][0], relative.element, events, charts.element,
   headings[1][0], absolute.element, thermal.element,
   headings[2][0], frequencies.element, temperature.element,
   ...latest.parts,
   el("h2", {}, "Records"), el("div", { class: "tools" }, rejectedOnly, el("label", { for: "rejected" }, "rejected ones only")), records, older);
 recall();
-addEventListener("popstate", () => { recall(); drawHistory(); });
+addEventListener("popstate", () => { recall(); attempt(content, drawHistory); });
 live(draw);

@@ -1,6 +1,6 @@
 // The overview: one row per rod.
 
-import { age, alarmNote, ask, degrees, el, fixed, force, interval, isAlone, kilonewtons, live, newest, next, percent, rodLink, show, staleAfter, state, table, time, why } from "./common.js";
+import { age, ahead, alarmNote, ask, degrees, el, fixed, force, grouped, interval, isAlone, kilonewtons, live, newest, next, percent, rodLink, show, state, table, time, why } from "./common.js";
 
 const content = document.getElementById("content");
 
@@ -34,33 +34,29 @@ function row(rod) {
   const hasForce = rod.force_n || rod.axial_force_n;
   return el("tr", { "data-rod": rod.rod },
     el("th", { scope: "row" }, el("a", { href: rodLink(rod.rod) }, rod.rod)),
-    cell("state", "", state(rod, stale_s(rod)), small(why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
+    cell("state", "", state(rod), small(why(rod) ?? (rod.since ? `since ${time(rod.since)}` : ""))),
     cell("force [kN]", "n", ...force(rod, kilonewtons), hasForce ? small(celsius === null ? "temperature not measured" : `at ${degrees(celsius)}`) : null,
       isAlone(rod) ? el("small", { class: "words" }, "of one record alone") : null),
     cell("change [%]", "n", mark, ...interval(rod.relative_force, (r) => percent(r))),
     cell("last year", "", spark(rod.trend)),
-    cell("last record", "nowrap", time(rod.latest_record), small(age(rod.latest_record, stale_s(rod)))),
+    cell("last record", "nowrap", time(rod.latest_record), small(age(rod.latest_record, rod.stale_after_s)), ahead(rod)),
     cell(`last ${rod.recent.days} d of data`, "n", counted(rod.recent.records, "record"), small(`${fixed(share, 1)} % rejected`), small(`${fixed(rod.records, 0)} in all`)));
 }
 
 const counted = (count, noun) => `${fixed(count, 0)} ${noun}${count === 1 ? "" : "s"}`;
 let site = null;
 
-const stale_s = (rod) => staleAfter(rod, site.silence_s, rod.recent.records > 2 ? (86400 * rod.recent.days) / rod.recent.records : 0);
-
-// Faults that keep the daemon from measuring or storing, and other lasting conditions.
-function stopped(monitoring) {
+// The daemon's lasting conditions; the one that stopped the monitoring is told above them.
+function lasting(monitoring) {
   if (!monitoring) return [];
   const note = (strong, words, since) => el("div", { class: "note" }, el("strong", {}, strong), words, el("div", { class: "about" }, `since ${time(since)} UTC`));
-  return [
-    ...(monitoring.stopped_since ? [note("Not monitored: ", monitoring.why ?? "", monitoring.stopped_since)] : []),
-    ...monitoring.conditions.map((one) => note(`${one.kind}: `, [one.about, one.detail].filter(Boolean).join(", "), one.since)),
-  ];
+  return monitoring.conditions.filter((one) => !one.is_told)
+    .map((one) => note(`${one.kind}: `, [one.about, one.detail].filter(Boolean).join(", "), one.since));
 }
 
 // Next conditions that rods wait for, each with its rods.
 function coming() {
-  const waiting = Map.groupBy(site.rods, next);
+  const waiting = grouped(site.rods, next);
   return [...waiting].filter(([words]) => words).map(([words, rods]) => el("p", { class: "about" }, `${rods.map((rod) => rod.rod).join(", ")}: ${words}`));
 }
 
@@ -73,11 +69,12 @@ async function draw() {
   const open = alarms.filter(({ alarm }) => !alarm.acknowledged).length;
   const uncompensated = site.rods.some((rod) => rod.relative_force && !rod.compensated);
   show(content,
-    site.monitoring?.stopped_since ? el("div", { class: "note", id: "stopped" }, el("strong", {}, `monitoring stopped since ${time(site.monitoring.stopped_since)} UTC: `), site.monitoring.why) : "",
+    site.monitoring?.stopped_since ? el("div", { class: "note", id: "stopped" }, el("strong", {}, `monitoring stopped since ${time(site.monitoring.stopped_since)} UTC: `),
+      [site.monitoring.conditions.find((one) => one.is_told)?.about, site.monitoring.why].filter(Boolean).join(", ")) : "",
     el("p", { class: "about", id: "summary" },
       `${counted(site.rods.length, "rod")}, ` +
       (alarms.length ? `${counted(alarms.length, "alarm")} standing, ${open} not acknowledged` : "no alarm stands")),
-    stopped(site.monitoring),
+    lasting(site.monitoring),
     alarms.map(({ rod, alarm }) => {
       const note = alarmNote(alarm);
       note.prepend(el("a", { href: rodLink(rod) }, rod), " ");
@@ -90,9 +87,8 @@ async function draw() {
         ", or data to a running ", el("code", {}, "tirante run"), ". Rods appear here by themselves."),
     coming(),
     uncompensated ? el("p", { class: "about" }, "~ not compensated: at the temperature of the latest record.") : "");
-  const latest = site.rods.map((rod) => rod.latest_record).filter(Boolean).sort().at(-1);
-  const stale = site.rods.map(stale_s).filter((s) => s !== null);
-  newest(latest, stale.length ? Math.max(...stale) : null);
+  const [latest] = site.rods.filter((rod) => rod.latest_record).sort((a, b) => Date.parse(b.latest_record) - Date.parse(a.latest_record));
+  newest(latest?.latest_record ?? null, latest?.stale_after_s ?? null);
 }
 
 live(draw);

@@ -150,15 +150,16 @@ function recordRow(record) {
   const said = record.rejection ? `rejected: ${record.rejection.message}` : record.set_aside ? `set aside: ${record.set_aside}` : record.state;
   const own = record.temperature_c ?? null, reference = record.reference_temperature_c ?? null;
   const at = (celsius) => el("small", {}, celsius === null ? "temperature not measured" : `at ${degrees(celsius)}`);
-  const forceAt = (values, celsius) => (values ? [mark, ...interval(values, kilonewtons), at(celsius)] : ["-"]);
+  const forceAt = (values, celsius) => (values ? [...interval(values, kilonewtons), at(celsius)] : ["-"]);
+  const marked = ([value, ...rest]) => [value === "-" ? value : mark + value, ...rest];
   const isReferred = Boolean(record.force_at_reference_n);
   const changed = record.relative_force_at_reference ?? record.relative_force;
   return el("tr", { "data-start": record.start },
     cell("start", "", el("span", { class: "nowrap" }, time(record.start)), record.file ? el("small", { class: "file" }, `in ${record.file}`) : null),
     cell("length [s]", "n", record.duration_s === null ? "-" : fixed(record.duration_s, 0)),
     cell("frequencies [Hz]", "", (record.modes ?? []).map((mode) => mode.frequency_hz.toFixed(3)).join(", ") || "-"),
-    cell("force, record alone [kN]", "n", ...forceAt(record.axial_force_n, own)),
-    cell("force given the baseline [kN]", "n", ...forceAt(record.force_at_reference_n ?? record.tracked_force_n, isReferred ? reference : own)),
+    cell("force, record alone [kN]", "n", ...marked(forceAt(record.axial_force_n, own))),
+    cell("force given the baseline [kN]", "n", ...marked(forceAt(record.force_at_reference_n ?? record.tracked_force_n, isReferred ? reference : own))),
     cell("change [%]", "n", ...interval(changed, (r) => percent(r)), changed ? at(isReferred ? reference : own) : null),
     cell("result", "", [`${said}${motion}`, ...words].join("; ")));
 }

@@ -576,17 +576,17 @@ mod tests {
 
     #[test]
     fn missing_modes_keep_their_place() {
-        let modes = modes("4.492,-,13.252", Some("0.005,-,0.01")).unwrap();
-        assert_eq!(modes.iter().map(|mode| mode.order).collect::<Vec<_>>(), [1, 3]);
-        assert_eq!(modes[1].sd_hz, 0.01);
+        let found = modes("4.492,-,13.252", Some("0.005,-,0.01")).unwrap();
+        assert_eq!(found.iter().map(|mode| mode.order).collect::<Vec<_>>(), [1, 3]);
+        assert_eq!(found[1].sd_hz, 0.01);
     }
 
     #[test]
     fn one_error_serves_all_and_none_is_the_papers() {
-        let modes = modes("4.5,9.3", Some("0.002")).unwrap();
-        assert!(modes.iter().all(|mode| mode.sd_hz == 0.002));
-        let modes = modes("4.5", None).unwrap();
-        assert!((modes[0].sd_hz.powi(2) - 1e-3).abs() < 1e-18);
+        let both = modes("4.5,9.3", Some("0.002")).unwrap();
+        assert!(both.iter().all(|mode| mode.sd_hz == 0.002));
+        let one = modes("4.5", None).unwrap();
+        assert!((one[0].sd_hz.powi(2) - 1e-3).abs() < 1e-18);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! `tirante check`: reports every fault of a configuration at once, or prints the effective one.
 
 use crate::config::{Config, ConfigError, Setting};
-use crate::site::baselines::{self, Fate, Prospect};
+use crate::site::baselines::{self, Prospect};
 use crate::site::store::Reader;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -60,7 +60,7 @@ fn against(config: &Config, store: &Path) -> anyhow::Result<ExitCode> {
     let prospects = baselines::prospects(&Reader::open(store)?, config)?;
     let lines: Vec<String> = prospects.iter().map(|prospect| format!("{prospect}\n")).collect();
     super::print(lines.concat().as_bytes())?;
-    let is_lost = |prospect: &Prospect| matches!(prospect.fate, Fate::Lost(_));
+    let is_lost = |prospect: &Prospect| prospect.fate.is_loss();
     Ok(if prospects.iter().any(is_lost) {
         ExitCode::from(super::WITH_LOSSES)
     } else {

@@ -137,6 +137,9 @@ pub fn site(config: Config, store: Option<&Path>, given_up: &GivenUp) -> anyhow:
     }
     let plans = generation.track_plans.iter().cloned();
     let site = Site::open(plans, store, generation.provenance())?;
+    for rod in site.unfollowed() {
+        tell!("warning: {rod} is in the store, but not in the configuration: no record of it is taken");
+    }
     for (rod, segment) in site.renewed() {
         tell!(
             "warning: the settings of {rod} changed: its new records begin a new baseline (segment {segment}); records \

@@ -22,8 +22,7 @@ pub fn has_same_settings(reader: &Reader, state: &State, wanted: &str) -> Result
     let Some(last) = learned.filter(|_| is_of_this_analysis) else {
         return Ok(false);
     };
-    let before = reader.config_at(&state.rod, last)?;
-    let before = before.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
+    let before = config_of(reader, &state.rod, last)?;
     Ok(before.is_some_and(|before| key(&before, &state.rod) == wanted))
 }
 
@@ -41,6 +40,17 @@ pub enum Fate {
     /// The settings change the meaning of the numbers: the baseline would be lost. Holds these settings, as
     /// far as known.
     Lost(Vec<String>),
+    /// The configuration has no such rod, but a new one on its topic: most likely renamed.
+    Renamed(RodId),
+    /// The configuration has no such rod: its baseline rests.
+    Unfollowed,
+}
+
+impl Fate {
+    /// True if months of learning end with it.
+    pub fn is_loss(&self) -> bool {
+        matches!(self, Self::Lost(_) | Self::Renamed(_))
+    }
 }
 
 /// One rod and its baseline.
@@ -102,7 +112,38 @@ pub fn prospects(reader: &Reader, config: &Config) -> Result<Vec<Prospect>, Stor
             fate,
         });
     }
+    let is_configured = |rod: &RodId| config.rods.iter().any(|known| known.analysis.rod == *rod);
+    for (rod, state) in states.iter().filter(|(rod, _)| !is_configured(rod)) {
+        let Some(baseline) = &state.segment.baseline else {
+            continue;
+        };
+        let topic = |config: &Config| {
+            let known = config.rods.iter().find(|known| known.analysis.rod == *rod);
+            known.map(|known| known.channels.displacement.topic.clone())
+        };
+        let before = config_of(reader, rod, baseline.last)?.as_ref().and_then(topic);
+        // A rod with records of its own is no new name.
+        let mut fresh = config
+            .rods
+            .iter()
+            .filter(|known| !states.contains_key(&known.analysis.rod));
+        let renamed = fresh.find(|known| Some(&known.channels.displacement.topic) == before.as_ref());
+        prospects.push(Prospect {
+            rod: rod.clone(),
+            segment: state.segment.number,
+            learned: Some((baseline.records, baseline.first)),
+            fate: renamed.map_or(Fate::Unfollowed, |known| {
+                Fate::Renamed(known.analysis.rod.clone())
+            }),
+        });
+    }
     Ok(prospects)
+}
+
+/// Configuration of a rod's record that began at `start`, if this program can read it.
+fn config_of(reader: &Reader, rod: &RodId, start: Timestamp) -> Result<Option<Config>, StoreError> {
+    let before = reader.config_at(rod, start)?;
+    Ok(before.and_then(|[_, _, text]| Config::parse(&text, "the store").ok()))
 }
 
 /// Version of the analysis in a key.
@@ -119,10 +160,9 @@ fn changes(
 ) -> Result<Vec<String>, StoreError> {
     let last = segment.baseline.as_ref().map(|baseline| baseline.last);
     let before = match last {
-        Some(last) => reader.config_at(rod, last)?,
+        Some(last) => config_of(reader, rod, last)?,
         None => None,
     };
-    let before = before.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
     Ok(before.map_or_else(Vec::new, |before| config.changes_of(&before, rod)))
 }
 
@@ -133,9 +173,7 @@ fn changes(
 pub fn guard(reader: &Reader, config: &Config, given_up: &[String]) -> Result<(), BaselineError> {
     let mut refusal = String::new();
     for prospect in prospects(reader, config)? {
-        if let Fate::Lost(_) = prospect.fate
-            && !given_up.contains(&prospect.rod.0)
-        {
+        if prospect.fate.is_loss() && !given_up.contains(&prospect.rod.0) {
             // Writing to a string cannot fail.
             let _ = writeln!(refusal, "{prospect}");
         }
@@ -170,6 +208,15 @@ impl std::fmt::Display for Prospect {
                     "rod {rod}: the baseline would be lost{learned}: its settings changed"
                 )
             }
+            Fate::Renamed(name) => write!(
+                f,
+                "rod {rod}: the baseline would be lost{learned}: the configuration has no such rod, and its topic belongs to the new \
+                 rod {name}: give it the id {rod} again"
+            ),
+            Fate::Unfollowed => write!(
+                f,
+                "rod {rod}: the configuration has no such rod: no record of it is taken, its baseline rests{learned}"
+            ),
             Fate::Lost(changes) => {
                 let changes = changes.join("; ");
                 write!(f, "rod {rod}: the baseline would be lost{learned}: {changes}")

@@ -12,8 +12,8 @@ use crate::site::pictures::Pictures;
 use crate::site::prepared::Provenance;
 use crate::site::record_row::RecordRow;
 use crate::site::store::{
-    Asked, Carry, Commit, ConditionEvent, FileMark, NewRecord, Position, RodRow, SnapshotRow, Standing,
-    Store, StoreError, Stretch,
+    Asked, Carry, Commit, ConditionEvent, FileMark, NewRecord, Position, Reserved, RodRow, SnapshotRow,
+    Standing, Store, StoreError, Stretch,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -27,6 +27,7 @@ pub struct Site {
     store: Store,
     config_hash: String,
     renewed: Vec<(RodId, u32)>,
+    unfollowed: Vec<RodId>,
     /// Time since which each rod has been expected, by a daemon.
     expected: BTreeMap<RodId, Timestamp>,
     /// Pictures of records that come without samples; `None` where samples come.
@@ -82,6 +83,7 @@ impl Site {
     ) -> Result<Self, StoreError> {
         store.keep_config(provenance.hash, provenance.site, provenance.effective)?;
         let mut states = store.states()?;
+        let unfollowed_before = store.unfollowed()?;
         let (mut trackers, mut emulators) = (BTreeMap::new(), BTreeMap::new());
         let (mut renewed, mut fresh) = (Vec::new(), Vec::new());
         for plan in plans {
@@ -96,7 +98,7 @@ impl Site {
                     if baselines::has_same_settings(&store, &state, plan.key())? {
                         plan.key().clone_into(&mut state.segment.key);
                     }
-                    let before = state.segment.number;
+                    let number = state.segment.number;
                     let has_changed = state.segment.key != plan.key();
                     let shelved = if has_changed {
                         store.off_the_shelf(&rod, plan.key())?
@@ -110,8 +112,11 @@ impl Site {
                         Some(shelved) => Tracker::take_up(plan, shelved, state),
                         None => Tracker::resume(plan, state),
                     };
-                    if tracker.state().segment.number != before {
+                    let is_renewed = tracker.state().segment.number != number;
+                    if is_renewed {
                         renewed.push((rod.clone(), tracker.state().segment.number));
+                    }
+                    if is_renewed || unfollowed_before.contains(&rod) {
                         store.commit(&Commit {
                             rod: Some(row(&tracker, &tracker.rod_state(), &events)),
                             ..Commit::default()
@@ -138,13 +143,17 @@ impl Site {
         for state in untouched.into_values() {
             forget(&mut store, state)?;
         }
-        retired.retain(|_, state| !state.alarms.is_empty());
         // A rod of another site with the same store is not gone.
+        let mut unfollowed = Vec::new();
         if sites_in(&store)?.len() == 1 {
             for state in retired.values_mut() {
-                store.retire(state)?;
+                if !unfollowed_before.contains(&state.rod) {
+                    unfollowed.push(state.rod.clone());
+                    store.retire(state)?;
+                }
             }
         }
+        retired.retain(|_, state| !state.alarms.is_empty());
         Ok(Self {
             trackers,
             emulators,
@@ -152,6 +161,7 @@ impl Site {
             store,
             config_hash: provenance.hash.to_owned(),
             renewed,
+            unfollowed,
             expected: BTreeMap::new(),
             pictures: None,
         })
@@ -193,6 +203,11 @@ impl Site {
         &self.renewed
     }
 
+    /// Rods of the store that the configuration had until the site was opened.
+    pub fn unfollowed(&self) -> &[RodId] {
+        &self.unfollowed
+    }
+
     /// Rods with the start of their latest accepted record.
     pub fn latest(&self) -> impl Iterator<Item = (&RodId, Option<Timestamp>)> {
         self.trackers
@@ -227,6 +242,11 @@ impl Site {
         let mut standings = self.store.standings()?;
         standings.retain(|standing| self.trackers.contains_key(&standing.rod));
         Ok(standings)
+    }
+
+    /// Closes the site and keeps its store's lock.
+    pub fn reserve(self) -> Option<Reserved> {
+        self.store.reserve()
     }
 
     /// Store of the site.

@@ -271,6 +271,7 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
             Period {
                 index: FIRST / DAY + day,
                 start: time(at),
+                began: None,
                 measured: None,
                 records: 1,
                 delta,

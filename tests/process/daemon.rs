@@ -5,6 +5,7 @@
 
 use crate::site::*;
 use rand::RngExt;
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::os::unix::process::CommandExt;
@@ -386,6 +387,68 @@ fn a_baseline_is_not_dropped_unasked_and_comes_back_with_its_settings() {
     });
     daemon.stop();
     assert_eq!(state()[&RodId("north".to_owned())].segment.number, 3);
+}
+
+/// A new name is refused as the loss of a baseline that it is; a rod that is taken out is told, shown as not monitored by whoever
+/// reads the store, and goes on when it is back.
+#[test]
+fn a_rod_that_is_renamed_or_taken_out_is_told() {
+    let site = daemon_site();
+    let good = fs::read_to_string(site.path("site.toml")).unwrap();
+    let mut daemon = Daemon::ready(&site, &[]);
+    wait_for_files(&site, 7);
+    let standing = |rod: &str| {
+        let output = site.run(&["status", "--store", "site.db", "--format", "json"]);
+        let rods: Vec<Value> = text(&output.stdout)
+            .lines()
+            .map(|line| serde_json::from_str(line).unwrap())
+            .collect();
+        let rod = rods.iter().find(|status| status["rod"] == rod).unwrap();
+        (rod["state"].clone(), rod["state_reason"].clone())
+    };
+    let before = standing("north");
+
+    fs::write(
+        site.path("site.toml"),
+        good.replacen("id = \"north\"", "id = \"North\"", 1),
+    )
+    .unwrap();
+    let check = site.run(&["check", "site.toml", "--against", "site.db"]);
+    let said = text(&check.stdout);
+    assert_eq!(check.status.code(), Some(3), "{said}");
+    assert!(
+        said.contains("rod north: the baseline would be lost") && said.contains("the new rod North"),
+        "{said}"
+    );
+    daemon.signal("-HUP");
+    daemon.wait_for("would drop a baseline, the old one holds");
+    assert_eq!(standing("north"), before);
+
+    let (at, next) = (good.find("[[rod]]").unwrap(), good.rfind("[[rod]]").unwrap());
+    fs::write(site.path("site.toml"), good[..at].to_owned() + &good[next..]).unwrap();
+    let check = site.run(&["check", "site.toml", "--against", "site.db"]);
+    let said = text(&check.stdout);
+    assert_eq!(check.status.code(), Some(0), "{said}");
+    assert!(
+        said.contains("rod north: the configuration has no such rod"),
+        "{said}"
+    );
+    daemon.signal("-HUP");
+    daemon.wait_for("north is not in the configuration any more");
+    let (state, reason) = standing("north");
+    assert_eq!(state, "not-monitoring");
+    assert!(
+        reason.as_str().unwrap().contains("not in the configuration"),
+        "{reason}"
+    );
+
+    fs::write(site.path("site.toml"), &good).unwrap();
+    daemon.signal("-HUP");
+    wait_until(&site, "it is followed again", |reader| {
+        reader.unfollowed().is_ok_and(|rods| rods.is_empty())
+    });
+    assert_ne!(standing("north").0, "not-monitoring");
+    daemon.stop();
 }
 
 #[test]

@@ -16,6 +16,9 @@ use std::time::{Duration, Instant};
 use tirante::analysis::signal::record::{Event, Record};
 use tirante::config::Config;
 use tirante::config::settings::journal::JournalSettings;
+use tirante::recording::read::Step;
+use tirante::recording::read::folder::recordings;
+use tirante::recording::read::recordings::Recordings;
 use tirante::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
 use tirante::service::daemon::reader::{JournalSource, Reader, Remembered, Sources, Surroundings};
 use tirante::service::daemon::steps::Watch;
@@ -609,6 +612,47 @@ fn send(live: &Live, bytes: &[u8], rotate_every: usize, end: bool) {
             line.durable().wait_for(|count| *count == through).await.unwrap();
         }
     });
+}
+
+#[test]
+fn journal_and_folder_are_read_side_by_side_by_daemon_and_replay() {
+    let (folder, journals) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let live = journal(journals.path());
+    // Streams of 20 s with a recording between them in time, and one behind them: windows of 10 s.
+    send(&live, &measured(0.0, 20.0), 25, true);
+    send(&live, &measured(1000.0, 20.0), 25, true);
+    fs::write(folder.path().join("between.mcap"), measured(500.0, 20.0)).unwrap();
+    fs::write(folder.path().join("behind.mcap"), measured(1500.0, 20.0)).unwrap();
+    let expected = [0.0, 10.0, 500.0, 510.0, 1000.0, 1010.0, 1500.0, 1510.0];
+    let seconds = |record: &Record| record.start.seconds_since(START).round();
+
+    let mut run = Run::of(
+        sources(&live, Some(folder.path())),
+        Remembered::default(),
+        live.journal.bell(),
+        Watch::none(),
+    );
+    run.until("all records", |run| run.records.len() == expected.len());
+    let starts: Vec<f64> = run.records.iter().map(|(_, record)| seconds(record)).collect();
+    assert_eq!(starts, expected);
+    run.reader.stop();
+    live.journal.stop();
+
+    let files = recordings(&[folder.path().to_owned(), journals.path().to_owned()]);
+    let generation = generation(10.0);
+    let channels = generation.config.rods.iter().map(|rod| rod.channels.clone());
+    let read = Recordings::new(
+        files,
+        channels.collect(),
+        generation.config.record,
+        false,
+        Arc::default(),
+    );
+    let records = read.filter_map(|step| match step {
+        Step::Event(Event::Record(record), _) => Some(seconds(&record)),
+        _ => None,
+    });
+    assert_eq!(records.collect::<Vec<f64>>(), expected);
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! Options for a file, and the checks that file, command line and configuration agree.
 
-use super::{ImportError, Signal};
+use super::{ImportError, Signal, is_time_name};
 use crate::analysis::signal::record::{Channel, RodChannels, Timestamp, Unit};
+use std::collections::BTreeSet;
 
 /// A channel asked for, as `SOURCE[=TOPIC][,UNIT]`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -80,6 +81,18 @@ pub(super) fn channels_of(rods: &[RodChannels]) -> impl Iterator<Item = (&str, &
             .chain(rod.temperature.as_ref())
             .map(|channel| (rod.rod.0.as_str(), channel))
     })
+}
+
+/// Gives channels of one name names of their own: `disp`, `disp-2`. Names of times stay.
+pub(super) fn tell_apart<'n>(names: impl IntoIterator<Item = &'n mut String>) {
+    let mut known: BTreeSet<String> = BTreeSet::new();
+    for name in names {
+        if !name.is_empty() && !is_time_name(name) && known.contains(name) {
+            let mut numbered = (2..).map(|number| format!("{name}-{number}"));
+            *name = numbered.find(|next| !known.contains(next)).unwrap_or_default();
+        }
+        known.insert(name.clone());
+    }
 }
 
 /// Signals asked for, in the order asked.
@@ -181,4 +194,16 @@ pub(super) fn unit(
             signal.number
         ))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_names_are_told_apart_and_times_are_not() {
+        let mut names = ["disp", "disp", "disp-2", "time", "time", "", ""].map(str::to_owned);
+        tell_apart(&mut names);
+        assert_eq!(names, ["disp", "disp-2", "disp-2-2", "time", "time", "", ""]);
+    }
 }

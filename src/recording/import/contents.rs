@@ -1,5 +1,6 @@
 //! Reads a file of any format as asked for, and describes its content in words.
 
+use super::asked::tell_apart;
 use super::asked::{Asked, Wanted};
 use super::format::{Format, Kind, LOOKED_AT, kind};
 use super::{ImportError, Signal, TimeUnit, Timing, csv, lvm, mat, npy, ramp, tdms, uff, wav};
@@ -107,7 +108,7 @@ pub fn read(mut from: impl Read, path: &Path, how: &How) -> Result<Option<Conten
     }
     let from = BufReader::with_capacity(1 << 16, Cursor::new(head).chain(from));
     let mut witnesses = Vec::new();
-    let (signals, left_out) = match format {
+    let (mut signals, left_out) = match format {
         Format::Csv => {
             let found = csv::read(from, &how.table)?;
             witnesses = found.witnesses;
@@ -136,6 +137,7 @@ pub fn read(mut from: impl Read, path: &Path, how: &How) -> Result<Option<Conten
         }
         Format::Npy => (npy::read(from)?, Vec::new()),
     };
+    tell_apart(signals.iter_mut().map(|signal| &mut signal.name));
     if let Some(rate_hz) = how.rate_hz {
         ramp::agree(signals.iter().chain(&witnesses), rate_hz)?;
     }

@@ -57,12 +57,12 @@ pub(super) fn agree<'s>(
             .any(|units| (units / step / rate_hz - 1.0).abs() <= tolerance);
         if !is_count && !is_said {
             return Err(ImportError::new(format!(
-                "{} rises evenly by {}, which is {} Hz if it is a time in seconds, but --rate says {rate_hz} Hz: leave --rate \
-                 out and name the column with --time {}",
+                "{} rises evenly by {}, which is {} Hz if it is a time in seconds, but --rate says {rate_hz} Hz: if it is the \
+                 time, say --rate {}; --channel says which column is the motion",
                 super::asked::told(signal),
                 rounded(step),
                 rounded(1.0 / step),
-                signal.number
+                rounded(1.0 / step)
             )));
         }
     }
@@ -88,7 +88,7 @@ mod tests {
         let rising = |step: f64| column((0..50).map(|i| 3.0 + f64::from(i) * step).collect());
         let refused = agree(&rising(0.005), 100.0).unwrap_err().to_string();
         assert!(
-            refused.contains("200 Hz") && refused.contains("100 Hz"),
+            refused.contains("say --rate 200") && refused.contains("100 Hz"),
             "{refused}"
         );
         // The same in milliseconds, and a count of rows.

@@ -8,6 +8,10 @@ use jiff::tz::Offset;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "daemon", derive(clap::ValueEnum))]
 pub enum TimeUnit {
+    /// Hours.
+    H,
+    /// Minutes.
+    Min,
     /// Seconds.
     S,
     /// Milliseconds.
@@ -39,24 +43,29 @@ pub(super) struct Written {
 }
 
 impl TimeUnit {
-    /// Exponent of ten from this unit to nanoseconds.
-    fn power(self) -> i32 {
+    /// Factor and exponent of ten from this unit to nanoseconds.
+    fn factor(self) -> (i128, i32) {
         match self {
-            Self::S => 9,
-            Self::Ms => 6,
-            Self::Us => 3,
-            Self::Ns => 0,
+            Self::H => (36, 11),
+            Self::Min => (6, 10),
+            Self::S => (1, 9),
+            Self::Ms => (1, 6),
+            Self::Us => (1, 3),
+            Self::Ns => (1, 0),
         }
     }
 
     /// Nanoseconds in one unit.
     pub(super) fn nanos(self) -> f64 {
-        f64::from(10_u32.pow(self.power().unsigned_abs()))
+        let (factor, power) = self.factor();
+        factor as f64 * 10_f64.powi(power)
     }
 
     /// Unit that a head names.
     pub(super) fn of(text: &str) -> Option<Self> {
         match text.trim() {
+            "h" | "hr" | "hours" => Some(Self::H),
+            "min" | "minutes" => Some(Self::Min),
             "s" | "sec" | "S" | "seconds" => Some(Self::S),
             "ms" | "msec" => Some(Self::Ms),
             "us" | "µs" | "μs" | "usec" => Some(Self::Us),
@@ -89,7 +98,9 @@ pub(super) fn number(text: &str, unit: TimeUnit) -> Option<Written> {
         }
         mantissa = mantissa * 10 + i128::from(digit - b'0');
     }
-    let power = exponent - fraction.len() as i32 + unit.power();
+    let (factor, power) = unit.factor();
+    let power = exponent - fraction.len() as i32 + power;
+    let mantissa = mantissa.checked_mul(factor)?;
     let ten = |power: i32| 10_i128.checked_pow(power.unsigned_abs());
     let nanos = if power >= 0 {
         mantissa.checked_mul(ten(power)?)?
@@ -103,7 +114,7 @@ pub(super) fn number(text: &str, unit: TimeUnit) -> Option<Written> {
     Some(Written {
         nanos: if negative { -nanos } else { nanos },
         resolution_ns: ten(power.max(0))
-            .and_then(|step| i64::try_from(step).ok())
+            .and_then(|step| i64::try_from(step.checked_mul(factor)?).ok())
             .unwrap_or(1),
         is_date: false,
     })
@@ -112,6 +123,7 @@ pub(super) fn number(text: &str, unit: TimeUnit) -> Option<Written> {
 /// Parses a time of day or a duration: `06:00:00.005`, `5:07`, `125:00:00,5`. Nanoseconds since 0:00; `None`
 /// if it is none.
 pub(super) fn clock(text: &str) -> Option<Written> {
+    let (text, half) = half_of_day(text);
     let (hours, rest) = text.split_once(':')?;
     let (minutes, seconds) = rest.split_once(':').unwrap_or((rest, "0"));
     let whole = |text: &str, below: i64| {
@@ -120,6 +132,12 @@ pub(super) fn clock(text: &str) -> Option<Written> {
         (is_plain && value < below).then_some(value)
     };
     let (hours, minutes) = (whole(hours, 100_000)?, whole(minutes, 60)?);
+    let hours = match half {
+        None => hours,
+        Some(begins) => (1..=12)
+            .contains(&hours)
+            .then_some(hours % 12 + i64::from(begins))?,
+    };
     let written = number(&seconds.replace(',', "."), TimeUnit::S)?;
     let is_second = seconds.starts_with(|c: char| c.is_ascii_digit()) && written.nanos < 60_000_000_000;
     is_second.then(|| Written {
@@ -182,7 +200,7 @@ pub(super) fn date(text: &str, order: Option<DateOrder>, offset_s: i32) -> Resul
     } else {
         return Err("has no year of four digits".to_owned());
     };
-    let clock = clock.trim();
+    let (clock, half) = half_of_day(clock.trim());
     let (clock, offset_s) = offset(clock, offset_s).ok_or_else(no_time)?;
     let mut fields = clock.splitn(3, ':');
     let (hour, minute) = (fields.next(), fields.next());
@@ -207,6 +225,13 @@ pub(super) fn date(text: &str, order: Option<DateOrder>, offset_s: i32) -> Resul
     let (Some(hour), Some(minute), Some(second)) = (small(hour), small(minute), small(Some(second))) else {
         return Err(no_time());
     };
+    let hour = match half {
+        None => hour,
+        Some(_) if !(1..=12).contains(&hour) => {
+            return Err("has AM or PM with an hour beyond 1 to 12".to_owned());
+        }
+        Some(begins) => hour % 12 + begins,
+    };
     let civil = DateTime::new(year, month, day, hour, minute, second, nanos)
         .map_err(|_| "is no day and time of the calendar (day and month mixed up? --dates)".to_owned())?;
     let time = Offset::from_seconds(offset_s)
@@ -218,6 +243,20 @@ pub(super) fn date(text: &str, order: Option<DateOrder>, offset_s: i32) -> Resul
         resolution_ns: 10_i64.pow(9 - fraction.len() as u32),
         is_date: true,
     })
+}
+
+/// Splits AM or PM off a time of day; returns the hour at which that half begins.
+fn half_of_day(clock: &str) -> (&str, Option<i8>) {
+    let halves = [("am", 0), ("pm", 12), ("a.m.", 0), ("p.m.", 12)];
+    for (word, begins) in halves {
+        let at = clock.len().saturating_sub(word.len());
+        if let Some((rest, end)) = clock.split_at_checked(at)
+            && end.eq_ignore_ascii_case(word)
+        {
+            return (rest.trim_end(), Some(begins));
+        }
+    }
+    (clock, None)
 }
 
 /// Splits `Z` or `+02:00` off a time of day.
@@ -278,6 +317,11 @@ mod tests {
         assert_eq!(nanos("-12", TimeUnit::Ms), Some((-12_000_000, 1_000_000)));
         assert_eq!(nanos("0.15000000000000002", TimeUnit::S), Some((150_000_000, 1)));
         assert_eq!(nanos("+.5", TimeUnit::Us), Some((500, 100)));
+        assert_eq!(nanos("1.5", TimeUnit::Min), Some((90_000_000_000, 6_000_000_000)));
+        assert_eq!(
+            nanos("0.25", TimeUnit::H),
+            Some((900_000_000_000, 36_000_000_000))
+        );
         for bad in [
             "",
             ".",
@@ -299,6 +343,11 @@ mod tests {
         assert_eq!(nanos("00:00:00,005"), Some((5_000_000, 1_000_000)));
         assert_eq!(nanos("1:02:03"), Some((3_723_000_000_000, 1_000_000_000)));
         assert_eq!(nanos("30:01").map(|found| found.0), Some(108_060_000_000_000));
+        assert_eq!(nanos("12:00:01 AM").map(|found| found.0), Some(1_000_000_000));
+        assert_eq!(
+            nanos("1:00:00.5 pm").map(|found| found.0),
+            Some(46_800_500_000_000)
+        );
         for bad in [
             "",
             "1",
@@ -308,6 +357,7 @@ mod tests {
             "1:00:00:00",
             "1:2:-3",
             "-1:00",
+            "13:00:00 PM",
         ] {
             assert_eq!(clock(bad), None, "{bad}");
         }
@@ -319,6 +369,17 @@ mod tests {
         let six = 1_772_344_800_000_000_000;
         assert_eq!(nanos("2026-03-01T06:00:00Z", None), Ok(six));
         assert_eq!(nanos("2026-03-01 07:00:00", None), Ok(six));
+        let american = Some(DateOrder::MonthFirst);
+        assert_eq!(nanos("03/01/2026 07:00:00.000 AM", american), Ok(six));
+        assert_eq!(
+            nanos("03/01/2026 12:00:00 AM", american),
+            Ok(six - 7 * 3_600_000_000_000)
+        );
+        assert_eq!(
+            nanos("03/01/2026 1:00:00 PM", american),
+            Ok(six + 6 * 3_600_000_000_000)
+        );
+        assert!(nanos("03/01/2026 13:00:00 PM", american).is_err());
         assert_eq!(
             nanos("2026-03-01 08:00:00,250+02:00", None),
             Ok(six + 250_000_000)

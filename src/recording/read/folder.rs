@@ -2,6 +2,7 @@
 
 use super::SourceError;
 use super::wire::Fields;
+use crate::recording::part;
 use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{BufReader, Read, Seek, SeekFrom};
@@ -65,7 +66,12 @@ pub(super) fn first_time_at(path: &Path) -> Option<u64> {
     if !fs::metadata(path).ok()?.is_file() {
         return None;
     }
-    first_time(&File::open(path).ok()?)
+    let file = File::open(path).ok()?;
+    // The first chunk of a part may hold nothing but the journal's own note, which has the time of its writing.
+    match path.file_name().and_then(|name| part::number(name.to_str()?)) {
+        Some(_) => times(&file).min(),
+        None => first_time(&file),
+    }
 }
 
 /// Time span and topics of a finished file's messages.
@@ -144,27 +150,41 @@ fn span_of(summary: &[u8]) -> Result<Option<Span>, &'static str> {
 
 /// Log time of the first message \[ns since 1970\], from the first chunk's header or the message itself.
 pub fn first_time(file: &File) -> Option<u64> {
+    times(file).next()
+}
+
+/// Log times of the chunks and messages among the first [`LOOKED_AT`] records \[ns since 1970\]; of a chunk, its earliest.
+fn times(file: &File) -> impl Iterator<Item = u64> {
     let mut file = BufReader::new(file);
-    file.seek(SeekFrom::Start(8)).ok()?;
-    for _ in 0..LOOKED_AT {
-        let mut head = [0u8; 9];
-        file.read_exact(&mut head).ok()?;
-        let mut fields = Fields(&head);
-        let (opcode, length) = (fields.u8().ok()?, fields.u64().ok()?);
-        let skipped = match opcode {
-            mcap::records::op::CHUNK => 0,
-            // Channel and sequence number come first.
-            mcap::records::op::MESSAGE => 6,
-            mcap::records::op::FOOTER => return None,
-            _ => {
-                file.seek_relative(i64::try_from(length).ok()?).ok()?;
-                continue;
-            }
-        };
-        file.seek_relative(skipped).ok()?;
-        let mut time = [0u8; 8];
-        file.read_exact(&mut time).ok()?;
-        return Some(u64::from_le_bytes(time));
-    }
-    None
+    let mut has_begun = file.seek(SeekFrom::Start(8)).is_ok();
+    let records = std::iter::from_fn(move || {
+        let time = has_begun.then(|| record_time(&mut file)).flatten();
+        has_begun = time.is_some();
+        time
+    });
+    records.take(LOOKED_AT).flatten()
+}
+
+/// Log time of the next record, which is passed; `Some(None)` for a record that has none, `None` at the end.
+fn record_time(file: &mut BufReader<&File>) -> Option<Option<u64>> {
+    let mut head = [0u8; 9];
+    file.read_exact(&mut head).ok()?;
+    let mut fields = Fields(&head);
+    let (opcode, length) = (fields.u8().ok()?, fields.u64().ok()?);
+    let before = match opcode {
+        mcap::records::op::CHUNK => 0,
+        // Channel and sequence number come first.
+        mcap::records::op::MESSAGE => 6,
+        mcap::records::op::FOOTER => return None,
+        _ => {
+            file.seek_relative(i64::try_from(length).ok()?).ok()?;
+            return Some(None);
+        }
+    };
+    file.seek_relative(before).ok()?;
+    let mut time = [0u8; 8];
+    file.read_exact(&mut time).ok()?;
+    let left = i64::try_from(length).ok()?.checked_sub(before + 8)?;
+    file.seek_relative(left).ok()?;
+    Some(Some(u64::from_le_bytes(time)))
 }

@@ -302,6 +302,11 @@ impl Recording {
         self.router.front()
     }
 
+    /// Log time of the latest message that a rod took \[ns\].
+    pub fn at(&self) -> Option<u64> {
+        self.router.at()
+    }
+
     /// Swaps in the rods that its samples are for, or takes them back.
     pub(super) fn swap_rods(&mut self, rods: &mut Vec<Rod>) {
         std::mem::swap(&mut self.router.rods, rods);

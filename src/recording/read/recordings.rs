@@ -202,6 +202,7 @@ impl Recordings {
             Input::Waiting(_) => {}
             Input::Journal(series) => {
                 let polled = series.poll();
+                lane.front = series.at().unwrap_or(lane.front).max(lane.front);
                 let bytes = self.bytes_of_closed + series.bytes_read();
                 self.done.store(bytes, Ordering::Relaxed);
                 match polled {

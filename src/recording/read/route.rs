@@ -92,6 +92,8 @@ pub(super) struct Router {
     /// True if a record ends with its file.
     ends_with_file: bool,
     ahead: Ahead,
+    /// Log time of the latest message that a rod took \[ns\].
+    at: Option<u64>,
     /// Bytes of samples beyond which the longest stretch becomes a record.
     most: usize,
     /// Largest growth of the rods' samples since the last memory check \[bytes\].
@@ -227,6 +229,7 @@ impl Router {
             rods,
             ends_with_file: false,
             ahead: Ahead::default(),
+            at: None,
             most: HELD,
             grown: 0,
             cuts: BTreeMap::new(),
@@ -336,6 +339,11 @@ impl Router {
         next.or(self.ahead.front)
     }
 
+    /// Log time of the latest message that a rod took \[ns\]: one wrong clock moves it for one message only.
+    pub fn at(&self) -> Option<u64> {
+        self.at
+    }
+
     /// Passes on the waiting messages up to a log time \[ns\].
     pub fn go_on(&mut self, limit: u64) {
         while let Some((front, owned)) = self.ahead.waiting.pop_front() {
@@ -364,6 +372,7 @@ impl Router {
             grown,
             file,
             listener,
+            at,
             ..
         } = self;
         let Some(listed) = channels.get(usize::from(message.channel)) else {
@@ -403,6 +412,7 @@ impl Router {
             fault = Some(DecodeError::SharedTopic { channels });
         } else {
             for route in routes {
+                *at = Some(message.log_time);
                 let Some(rod) = rods.get_mut(route.rod) else {
                     continue;
                 };

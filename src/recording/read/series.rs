@@ -144,6 +144,11 @@ impl Series {
         self.router.reached()
     }
 
+    /// Log time of the latest message that a rod took \[ns\].
+    pub fn at(&self) -> Option<u64> {
+        self.router.at()
+    }
+
     /// Bytes of samples not yet in a record.
     pub fn held(&self) -> usize {
         self.router.held()

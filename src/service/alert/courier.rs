@@ -165,33 +165,58 @@ impl Courier {
 
     /// Sends all that is due.
     fn round(&mut self) -> Result<(), Trouble> {
+        let sent = self.send_direct();
+        let reader = match self.reader.take() {
+            Some(reader) => reader,
+            // Without a store there is still what is sent past it.
+            None => match Reader::open(&self.errand.store) {
+                Ok(reader) => reader,
+                Err(error) => return sent.and(Err(error.into())),
+            },
+        };
+        let result = match sent {
+            Ok(()) => self.send_all(&reader),
+            Err(trouble) => self
+                .place(&reader)
+                .and_then(|place| self.count_waiting(&reader, place))
+                .and(Err(trouble)),
+        };
+        self.reader = Some(reader);
+        result
+    }
+
+    /// Sends what goes past the store.
+    fn send_direct(&mut self) -> Result<(), Trouble> {
         while let Some(message) = self.signal.direct() {
             self.send(&message)?;
             self.worked()?;
             self.signal.delivered(&message.id);
             self.told.insert(message.id);
         }
-        let reader = match self.reader.take() {
-            Some(reader) => reader,
-            None => Reader::open(&self.errand.store)?,
-        };
-        let result = self.send_all(&reader);
-        self.reader = Some(reader);
-        result
+        Ok(())
+    }
+
+    /// Tells the metrics how much waits for the sink.
+    fn count_waiting(&self, reader: &Reader, place: Place) -> Result<(), Trouble> {
+        let news = reader.latest_news()? - place.through;
+        let notices = reader.latest_notice()? - place.notices;
+        let waiting = usize::try_from(news + notices).unwrap_or(0);
+        self.errand
+            .telemetry
+            .metrics
+            .outbox(&self.errand.settings.id, waiting);
+        Ok(())
     }
 
     fn send_all(&mut self, reader: &Reader) -> Result<(), Trouble> {
         let mut place = self.place(reader)?;
+        self.count_waiting(reader, place)?;
         if !place.knows_standing {
             self.tell_standing(reader, &mut place)?;
         }
         self.send_notices(reader, &mut place)?;
         loop {
-            let news = reader.latest_news()? - place.through;
-            let notices = reader.latest_notice()? - place.notices;
-            let waiting = usize::try_from(news + notices).unwrap_or(0);
-            let (metrics, id) = (&self.errand.telemetry.metrics, &self.errand.settings.id);
-            metrics.outbox(id, waiting);
+            self.count_waiting(reader, place)?;
             let news = reader.news_after(place.through, BATCH)?;
             let Some(last) = news.last().map(|news| news.number) else {
                 break;

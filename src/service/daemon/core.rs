@@ -17,7 +17,7 @@ use crate::site::analyse::{Analysed, LastSeen};
 use crate::site::clock;
 use crate::site::driver::{Done, Held, Job};
 use crate::site::prepared::Generation;
-use crate::site::store::{ConditionEvent, FileMark, Standing, StoreError};
+use crate::site::store::{self, ConditionEvent, FileMark, Standing, StoreError};
 use crate::site::trackers::{Note, Site, Taken};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -365,14 +365,17 @@ impl Core {
     }
 
     /// Closes trackers and store, and opens them again when there is room; waits longer after each failed
-    /// try.
+    /// try. The lock is kept meanwhile: this daemon is at work on the store.
     fn wait_for_room(&mut self, error: &StoreError, tries: u32) -> Result<(), CoreError> {
         let about = self.about();
         let waits = format_args!(
             "{about}: no room on the disk ({error}); nothing is lost, work goes on when there is"
         );
         self.health.hold(Fault::DiskFull, &about, waits);
-        self.site = None;
+        let mut reserved = match self.site.take() {
+            Some(site) => site.reserve(),
+            None => store::reserve(&self.store),
+        };
         let begun = Instant::now();
         let mut looks = 1 << tries.min(6);
         loop {
@@ -392,6 +395,7 @@ impl Core {
             if room(&self.store) < ROOM {
                 continue;
             }
+            drop(reserved.take());
             match open_site(&self.store, &self.generation, &self.health) {
                 // The reader does not know that the marks are gone: only a restart reads everything again.
                 Ok(site) if site.store().moved_aside().is_some() => return Err(CoreError::Damaged),
@@ -406,6 +410,7 @@ impl Core {
                 Err(error) if error.is_disk_full() => looks = 1 << 6,
                 Err(error) => return Err(error.into()),
             }
+            reserved = store::reserve(&self.store);
         }
     }
 

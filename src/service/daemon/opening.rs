@@ -96,8 +96,13 @@ pub fn open_patiently(
     }
 }
 
-/// Logs the rods that begin a new segment.
+/// Logs the rods that begin a new segment, and those that are no longer followed.
 pub(super) fn warn_of_renewed(site: &Site) {
+    for rod in site.unfollowed() {
+        tracing::warn!(
+            "{rod} is not in the configuration any more: no record of it is taken, and no alarm will come of it"
+        );
+    }
     for (rod, segment) in site.renewed() {
         tracing::warn!(
             "the settings of {rod} changed: its new records begin a new baseline (segment {segment}); records kept before are \

@@ -309,9 +309,12 @@ impl Work {
         while let Ok(generation) = reloads.try_recv() {
             self.reload(generation)?;
         }
-        let folder_had_some = self.folder_turn()?;
+        // Of what came while nothing read, the older comes first, wherever it lies: what is younger closes its periods.
+        let has_turn = |folder: &Folder| !folder.catches_up() || self.journal_at() < folder.at();
+        let journal_has_turn = self.folder.as_ref().is_none_or(has_turn);
+        let journal_had_some = journal_has_turn && self.journal_turn()?;
         let is_live = self.folder.as_ref().is_none_or(|folder| !folder.catches_up());
-        let journal_had_some = is_live && self.journal_turn()?;
+        let folder_had_some = (is_live || !journal_had_some) && self.folder_turn()?;
         let folder_is_read = self.folder.as_ref().is_none_or(|folder| !folder.has_backlog());
         let journal_is_read = self.journal.as_ref().is_none_or(|lane| lane.is_read);
         self.around
@@ -356,6 +359,12 @@ impl Work {
             plans: Arc::clone(&self.generation.plans),
             load: Some(load),
         })
+    }
+
+    /// Log time up to which the journal is read \[ns since 1970\].
+    fn journal_at(&self) -> u64 {
+        let lane = self.journal.as_ref();
+        lane.and_then(|lane| lane.series.at()).unwrap_or(0)
     }
 
     /// Takes one step of the folder; returns true if there was any data.

@@ -74,8 +74,10 @@ impl Vigil {
                 health.hold(Fault::Clock, CLOCK, detail);
             }
         }
+        let standing = store.standing_notices()?;
+        standing.iter().for_each(|notice| stands_on(notice, &health));
         let vigil = Self {
-            conditions: Conditions::new(settle, store.standing_notices()?),
+            conditions: Conditions::new(settle, standing),
             health,
             unkept,
             clock,
@@ -149,5 +151,39 @@ impl Vigil {
     pub fn kept(&mut self, notices: usize) {
         self.unkept.drain(..notices.min(self.unkept.len()));
         self.alive = Some(Instant::now());
+    }
+}
+
+/// Holds a condition of before the start that only new data can end; the others are found again by looking.
+fn stands_on(notice: &ConditionEvent, health: &Health) {
+    let is = |fault: Fault| notice.fault == fault.code();
+    if is(Fault::Topic) {
+        health.strays().came(&notice.about);
+    }
+    for fault in [Fault::Behind, Fault::Clock]
+        .into_iter()
+        .filter(|fault| is(*fault))
+    {
+        health.hold(fault, &notice.about, &notice.detail);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::site::store::Store;
+
+    #[test]
+    fn what_data_alone_can_end_outlasts_a_restart() {
+        let mut store = Store::in_memory().unwrap();
+        let notices = [("topic", "/west/disp"), ("behind", "sources"), ("sink", "mail")]
+            .map(|(fault, about)| ConditionEvent::raised(fault, about, clock::now(), "stood before"));
+        store.watch(&notices, None).unwrap();
+        let health = Arc::<Health>::default();
+        Vigil::begin(&store, Duration::from_secs(60), Arc::clone(&health)).unwrap();
+        assert_eq!(health.strays().topics(), ["/west/disp"]);
+        assert!(health.lasts(Fault::Behind, "sources"));
+        // The sink is tried anew.
+        assert!(!health.lasts(Fault::Sink, "mail"));
     }
 }

@@ -4,12 +4,12 @@ use super::access::Access;
 use super::live;
 use super::packed;
 use super::problem::{self, Problem};
-use super::shown::Shown;
+use super::shown::{Shown, Unanswered};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::service::api::{
     Alarms, Chart, Days, Frequencies, History, Looks, Monitoring, Records, RodAnswer, SiteAnswer, listing,
 };
-use crate::service::telemetry::Health;
+use crate::service::telemetry::{Fault, Health};
 use crate::service::viewer::Signals;
 use crate::site::clock;
 use crate::site::store::{Asked, Reader, StoreError};
@@ -81,8 +81,13 @@ impl Api {
         &self,
         question: impl FnOnce(&Reader, &Days) -> Result<Result<T, Problem>, StoreError> + Send + 'static,
     ) -> Result<Response, Problem> {
-        let shown = Arc::clone(&self.shown);
-        say(move || shown.ask(question)?).await
+        let (shown, health) = (Arc::clone(&self.shown), self.health.clone());
+        say(move || {
+            shown
+                .ask(question)
+                .map_err(|why| reason(health.as_deref(), why))?
+        })
+        .await
     }
 
     /// Answers a query that is possible from the start.
@@ -90,8 +95,24 @@ impl Api {
         &self,
         question: impl FnOnce(&Reader) -> Result<Result<T, Problem>, StoreError> + Send + 'static,
     ) -> Result<Response, Problem> {
-        let shown = Arc::clone(&self.shown);
-        say(move || shown.read(question)?).await
+        let (shown, health) = (Arc::clone(&self.shown), self.health.clone());
+        say(move || {
+            let answer = shown.read(question);
+            answer.map_err(|error| reason(health.as_deref(), error.into()))?
+        })
+        .await
+    }
+}
+
+/// Reason why there is no answer: a daemon knows if its store was moved away, or another put in its place.
+fn reason(health: Option<&Health>, why: Unanswered) -> Problem {
+    let conditions = health.map(Health::conditions).unwrap_or_default();
+    let lost = conditions
+        .into_iter()
+        .find(|lasting| lasting.fault == Fault::Files);
+    match (why, lost) {
+        (Unanswered::Store(_), Some(lost)) => problem::unavailable(lost.detail),
+        (why, _) => why.into(),
     }
 }
 

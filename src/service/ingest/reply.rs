@@ -70,8 +70,18 @@ impl fmt::Display for Reply {
 
 /// A line that is no answer of this program.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is no answer of `tirante run`")]
+#[error("{}", words(.0))]
 pub struct Unknown(String);
+
+/// First bytes of an alert of TLS, without the last byte of the version.
+const TLS_ALERT: &str = "\u{15}\u{3}";
+
+fn words(line: &str) -> String {
+    if line.starts_with(TLS_ALERT) {
+        return "this port speaks TLS: say --tls-ca CA.pem, with the certificate of its authority".to_owned();
+    }
+    format!("`{}` is no answer of `tirante run`", line.escape_debug())
+}
 
 impl FromStr for Reply {
     type Err = Unknown;

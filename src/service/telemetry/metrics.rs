@@ -107,7 +107,7 @@ impl Metrics {
             received_messages: r.put("received_messages", None, "Messages received through the sockets"),
             received_bytes: r.put("received", Some(Unit::Bytes), "Bytes received through the sockets"),
             journal_bytes: r.put("journal", Some(Unit::Bytes), "Size of all parts of the journal on disk"),
-            outbox_waiting: r.put("outbox_waiting", None, "News of alarms a sink does not have yet"),
+            outbox_waiting: r.put("outbox_waiting", None, "News of alarms and conditions a sink does not have yet"),
             deliveries: r.put("deliveries", None, "Attempts to deliver news of alarms, by what came of them"),
             rods: Rods::new(&mut r),
             disks,

@@ -8,7 +8,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum StoreError {
     /// The file does not exist.
-    #[error("{path}: there is no store; `tirante replay … --store {path}` begins one", path = path.display())]
+    #[error("{path}: there is no store; bring it back if it was moved, or begin one: `tirante replay … --store {path}`", path = path.display())]
     Missing {
         /// Path of the file.
         path: PathBuf,

@@ -40,6 +40,10 @@ impl Lock {
     }
 }
 
+/// Lock of a store that is closed for a while: nobody else writes it meanwhile.
+#[derive(Debug)]
+pub struct Reserved(#[allow(dead_code, reason = "held, not read")] pub(super) Lock);
+
 /// Error that names the process which writes the store at `path`; `None` if none does. Unlike [`Lock::take`] it creates no
 /// file and writes into none: a copy that is only read stays without a lock.
 pub(super) fn holder(path: &Path) -> Result<Option<StoreError>, StoreError> {

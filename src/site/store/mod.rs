@@ -37,6 +37,7 @@ pub use commit::{Commit, NewRecord, Position, RodRow};
 pub use error::StoreError;
 pub use file_id::FileId;
 pub use kinds::ColumnKind;
+pub use lock::Reserved;
 pub use open::Durability;
 pub use operation::{Carry, FileMark, FileState, News};
 pub use page::{Line, Lines, Mark, Modes, Point, Sampling};
@@ -74,6 +75,12 @@ impl Deref for Store {
     fn deref(&self) -> &Reader {
         &self.reader
     }
+}
+
+/// Takes the lock of a closed store again; `None` while another process has it.
+pub fn reserve(path: &Path) -> Option<Reserved> {
+    let path = std::fs::canonicalize(path).ok()?;
+    Lock::take(&path).ok().map(Reserved)
 }
 
 impl Store {
@@ -127,6 +134,11 @@ impl Store {
         })
     }
 
+    /// Closes the store and keeps its lock, until the lock is dropped to open it again.
+    pub fn reserve(self) -> Option<Reserved> {
+        self._lock.map(Reserved)
+    }
+
     /// Path to which a damaged store was moved when this one was opened.
     pub fn moved_aside(&self) -> Option<&Path> {
         self.moved_aside.as_deref()
@@ -142,7 +154,7 @@ impl Store {
         &self.known
     }
 
-    /// Stores a configuration: `hash` as records refer to it, `effective` with every default filled in. It
+    /// Takes a configuration into force: `hash` as records refer to it, `effective` with every default filled in. It
     /// must be kept before the first record that names it.
     ///
     /// # Errors
@@ -155,7 +167,12 @@ impl Store {
                     row.get(0)
                 })?;
             if count > 0 {
-                return Ok(());
+                // One of before is in force again: the row in force is the last one.
+                let last = "rowid = (SELECT max(rowid) FROM config)";
+                let next = format!(
+                    "UPDATE config SET rowid = (SELECT max(rowid) + 1 FROM config) WHERE hash = ? AND NOT {last}"
+                );
+                return connection.execute(&next, [hash]).map(|_| ());
             }
             // A savepoint: it may be called within a group.
             connection.execute_batch("SAVEPOINT config")?;
@@ -253,6 +270,7 @@ impl Store {
         states: &mut BTreeMap<RodId, State>,
     ) -> Result<(usize, usize), StoreError> {
         let (mut applied, mut still) = (0, 0);
+        let unfollowed = self.reader.unfollowed()?;
         for (rod, state) in states.iter_mut() {
             let mut requests = self.reader.waiting(rod)?.into_iter().peekable();
             while let Some(Request {
@@ -265,7 +283,10 @@ impl Store {
                 let mut board = Board::new(&state.rod, state.segment.number, &mut state.alarms);
                 board.acknowledge(&alarm, asked);
                 let events = board.into_events();
-                let stands = state::standing_without_plan(state);
+                let stands = match unfollowed.contains(rod) {
+                    true => state::not_followed(),
+                    false => state::standing_without_plan(state),
+                };
                 self.commit(&Commit {
                     rod: Some(RodRow {
                         state,
@@ -283,27 +304,22 @@ impl Store {
         Ok((applied, still))
     }
 
-    /// Ends the conditions of the alarms of a rod that is no longer configured, as no fold will; those that wait to be
-    /// acknowledged stay until they are.
+    /// Marks a rod that is no longer configured, and ends the conditions of its alarms, as no fold will; those that wait to
+    /// be acknowledged stay until they are.
     ///
     /// # Errors
     /// It cannot be written.
     pub fn retire(&mut self, state: &mut State) -> Result<(), StoreError> {
         let told = state.alarms.iter().map(|alarm| alarm.told).max();
-        let Some(time) = told.map(|told| state.latest.map_or(told, |latest| latest.max(told))) else {
-            return Ok(());
-        };
         let mut board = Board::new(&state.rod, state.segment.number, &mut state.alarms);
-        board.clear_all(time);
-        let events = board.into_events();
-        if events.is_empty() {
-            return Ok(());
+        if let Some(told) = told {
+            board.clear_all(state.latest.map_or(told, |latest| latest.max(told)));
         }
-        let stands = state::standing_without_plan(state);
+        let events = board.into_events();
         self.commit(&Commit {
             rod: Some(RodRow {
                 state,
-                stands: &stands,
+                stands: &state::not_followed(),
                 closed: &[],
                 events: &events,
             }),

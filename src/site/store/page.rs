@@ -369,12 +369,12 @@ impl Reader {
         found.iter().rev().map(|json| state::read(&rod.0, json)).collect()
     }
 
-    /// Configuration of the record committed last: hash, site, and the text with every default filled in.
+    /// Configuration taken into force last: hash, site, and the text with every default filled in.
     ///
     /// # Errors
     /// As [`Reader::points_after`].
     pub fn latest_config(&self) -> Result<Option<[String; 3]>, StoreError> {
-        self.config_where("hash = (SELECT config FROM record ORDER BY id DESC LIMIT 1)", ())
+        self.config_where("rowid = (SELECT max(rowid) FROM config)", ())
     }
 
     /// Configuration of a rod's record that began at `start`.

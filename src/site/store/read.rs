@@ -9,6 +9,7 @@ use crate::site::record_row::RecordRow;
 use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension};
 use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// A store open for reading.
@@ -408,6 +409,26 @@ impl Reader {
             rods.collect()
         };
         rods().map_err(|error| self.fault(Failure::Sql(error)))
+    }
+
+    /// Rods that are known to be no longer configured.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub fn unfollowed(&self) -> Result<BTreeSet<RodId>, StoreError> {
+        let read = || -> Result<BTreeSet<RodId>, Failure> {
+            let mut statement = self.connection.prepare_cached("SELECT rod, detail FROM rod")?;
+            let mut rows = statement.query(())?;
+            let mut unfollowed = BTreeSet::new();
+            while let Some(row) = rows.next()? {
+                let (rod, detail): (String, String) = (row.get(0)?, row.get(1)?);
+                if state::read::<RodState>(&rod, &detail)? == state::not_followed() {
+                    unfollowed.insert(RodId(rod));
+                }
+            }
+            Ok(unfollowed)
+        };
+        read().map_err(|failure| self.fault(failure))
     }
 
     /// Status of every rod.

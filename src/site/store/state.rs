@@ -309,6 +309,13 @@ pub(super) fn time(text: &str) -> Result<Timestamp, StoreError> {
     })
 }
 
+/// Status of a rod that is no longer configured.
+pub(super) fn not_followed() -> RodState {
+    RodState::NotMonitoring {
+        reason: "not in the configuration: no record of it is taken".to_owned(),
+    }
+}
+
 /// Status of a rod by its state alone, for changes while no fold runs. The settings are not known here: a baseline that was
 /// learned has its records, and learning is over if the last period was charted.
 pub(super) fn standing_without_plan(state: &State) -> RodState {

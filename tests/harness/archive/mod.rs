@@ -257,6 +257,7 @@ pub fn period(index: i64) -> Period {
     Period {
         index,
         start: hour(24 * index),
+        began: Some(hour(24 * index)),
         measured: Some(hour(24 * index + 11)),
         records: 24,
         delta: -1e-3 / 3.0,

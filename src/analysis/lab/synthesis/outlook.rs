@@ -113,6 +113,7 @@ impl Outlook {
     fn step(&self, detector: &mut Detector, period: &Ready, change: f64) {
         detector.step(&Seen {
             day: period.day,
+            began: period.day,
             measured: period.day,
             ratio: period.ratio + change,
             sd: self.noise_sd,

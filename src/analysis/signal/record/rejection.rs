@@ -64,7 +64,7 @@ pub enum Rejection {
     },
     /// A step in the signal, larger than the vibration.
     #[error(
-        "a step of {height:e} at {time_s:.2} s, larger than the vibration around it, and no release of the rod: the sensor or its target moved, so split the recording there"
+        "a step of {height:.2e} (in the SI unit of the channel) at {time_s:.2} s, larger than the vibration around it, and no release of the rod: the sensor or its target moved, so split the recording there"
     )]
     Step {
         /// Height, SI.

@@ -304,6 +304,7 @@ mod tests {
         for (k, (day, ratio, sd, columns)) in data.iter().enumerate() {
             let seen = Seen {
                 day: *day,
+                began: *day,
                 measured: *day,
                 ratio: *ratio,
                 sd: *sd,
@@ -394,6 +395,7 @@ mod tests {
             let columns = [0.01 * columns[0], 1e-4 * columns[0] * columns[0], 0.0, 0.1];
             let seen = Seen {
                 day: *day,
+                began: *day,
                 measured: *day,
                 ratio: *ratio,
                 sd: *sd,
@@ -439,6 +441,7 @@ mod tests {
             let ratio = -0.005 * columns[0] + 0.001 * f64::from(hour % 5);
             let seen = Seen {
                 day,
+                began: day,
                 measured: day,
                 ratio,
                 sd: 0.002,
@@ -463,6 +466,7 @@ mod tests {
         let prior = single();
         let seen = |day, ratio, sd, columns| Seen {
             day,
+            began: day,
             measured: day,
             ratio,
             sd,

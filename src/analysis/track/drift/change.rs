@@ -70,11 +70,11 @@ impl Detector {
 
     /// Posterior of a change over the onset particles; `None` before the first is born.
     pub fn change(&self) -> Option<Change> {
-        self.change_since(None)
+        self.change_since(None, None)
     }
 
-    /// Posterior of a change that began after a time \[d\].
-    pub fn change_since(&self, after: Option<f64>) -> Option<Change> {
+    /// Posterior of a change, its evidence by onsets after a time \[d\] and its onset after another, not later one.
+    pub fn change_since(&self, after: Option<f64>, from: Option<f64>) -> Option<Change> {
         let (day, weights) = (self.last_day()?, self.shares(after)?);
         let mut parts = Vec::with_capacity(weights.len());
         let mut rates = Vec::new();
@@ -83,7 +83,7 @@ impl Detector {
         for (particle, &weight) in self.particles.iter().zip(&weights) {
             let (mean, sd) = particle.bank.change();
             parts.push(particle.part(day, weight, (mean, sd)));
-            onsets.push((particle.onsets.after(after), weight));
+            onsets.push((particle.onsets.after(from), weight));
             if particle.shape == Shape::Ramp {
                 ramp_probability += weight;
                 rates.push(Normal { weight, mean, sd });

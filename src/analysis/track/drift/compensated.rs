@@ -5,8 +5,11 @@ use super::{BankPrior, Detector, Regressors, Seen};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// Fewest periods of commissioning for a level.
+/// Fewest periods of commissioning for a level while no change is reported.
 const FEWEST_PERIODS: f64 = 10.0;
+
+/// Fewest periods of a level that a reported change ended: an onset is considered from the fifth period on.
+const FEWEST_BEFORE_CHANGE: f64 = 3.0;
 
 /// Most of the latest periods that can be withdrawn: a change is reported within so many, or is too small to
 /// affect a mean.
@@ -74,8 +77,9 @@ impl Compensated {
     }
 
     /// Change since commissioning at the same temperature: (y - y_0) - (X - X_0) b, with the means y_0, X_0 of commissioning.
-    pub fn change(&self, seen: &Seen, limit: f64) -> Option<(f64, f64)> {
-        self.level.change(&self.detector, seen, limit)
+    /// `is_told`: after a reported change, before which there may have been few periods.
+    pub fn change(&self, seen: &Seen, limit: f64, is_told: bool) -> Option<(f64, f64)> {
+        self.level.change(&self.detector, seen, limit, is_told)
     }
 
     /// Takes a period measured at a time \[d\] into the level, if it is one of the first `periods`; `is_told`: after a reported change.
@@ -83,17 +87,16 @@ impl Compensated {
         self.level.learn(measured, ratio, columns, periods, is_told);
     }
 
-    /// Removes the latest periods since an onset from the level.
+    /// Removes the latest periods since the earliest credible onset from the level.
     pub fn withdraw(&mut self, onset: f64) {
         self.level.withdraw(onset);
     }
 }
 
 impl Level {
-    /// Takes a period of commissioning. One after a reported change is left out, if there are enough without
-    /// it.
+    /// Takes a period of commissioning. One after a reported change is left out: the level would follow the change.
     fn learn(&mut self, day: f64, ratio: f64, columns: &[f64], periods: usize, is_told: bool) {
-        if self.periods >= periods as f64 || (is_told && self.periods >= FEWEST_PERIODS) {
+        if self.periods >= periods as f64 || (is_told && self.periods >= FEWEST_BEFORE_CHANGE) {
             return;
         }
         if self.periods == 0.0 {
@@ -113,9 +116,9 @@ impl Level {
         self.recent.push_back((day, ratio, columns.to_vec()));
     }
 
-    /// Removes the latest periods since an onset, as long as there are enough without them.
+    /// Removes the latest periods since an onset, as long as any level is left without them.
     fn withdraw(&mut self, onset: f64) {
-        while self.periods > FEWEST_PERIODS
+        while self.periods > FEWEST_BEFORE_CHANGE
             && let Some((_, ratio, columns)) = self.recent.pop_back_if(|(day, ..)| *day >= onset)
         {
             self.periods -= 1.0;
@@ -130,8 +133,13 @@ impl Level {
         }
     }
 
-    fn change(&self, detector: &Detector, seen: &Seen, limit: f64) -> Option<(f64, f64)> {
-        if self.periods < FEWEST_PERIODS {
+    fn change(&self, detector: &Detector, seen: &Seen, limit: f64, is_told: bool) -> Option<(f64, f64)> {
+        let fewest = if is_told {
+            FEWEST_BEFORE_CHANGE
+        } else {
+            FEWEST_PERIODS
+        };
+        if self.periods < fewest {
             return None;
         }
         let columns: Vec<f64> = seen

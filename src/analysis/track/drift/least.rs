@@ -34,6 +34,7 @@ impl Detector {
         for (day, columns) in ahead {
             let seen = Seen {
                 day: *day,
+                began: *day,
                 measured: *day,
                 ratio: 0.0,
                 sd: self.prior().stated_sd,
@@ -84,6 +85,7 @@ mod tests {
             let ratio = 0.8 * columns[0] + NOISE * noise;
             start.step(&Seen {
                 day,
+                began: day,
                 measured: day,
                 ratio,
                 sd: NOISE,
@@ -102,6 +104,7 @@ mod tests {
             for (day, columns) in &ahead {
                 let period = |ratio| Seen {
                     day: *day,
+                    began: *day,
                     measured: *day,
                     ratio,
                     sd: NOISE,
@@ -138,6 +141,7 @@ mod tests {
             let columns = columns(f64::from(day));
             detector.step(&Seen {
                 day: f64::from(day),
+                began: f64::from(day),
                 measured: f64::from(day),
                 ratio: 0.8 * columns[0],
                 sd: NOISE,

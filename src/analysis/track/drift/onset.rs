@@ -1,7 +1,8 @@
 //! Onsets that one particle stands for, with their law.
 //!
-//! The data of a period are of one time t_k, the mean of its records. A change that a period is the first to show began after
-//! t_(k-1) and before t_k: in between, evenly. Merging adds laws, weighted as the particles; an onset that is ruled out beside its
+//! With b_k the start of the first record of period k and t_k the mean time of its records, a change that period k is the first to
+//! show began after b_(k-1) and before t_k: in between, evenly. Before b_(k-1) all of period k - 1 would show it; in the middle of
+//! its records it makes a mixture of that period, which looks wild, and after t_k one of period k. Merging adds laws, weighted as the particles; an onset that is ruled out beside its
 //! neighbour keeps its small share and does not widen the interval of the rest.
 
 use serde::{Deserialize, Serialize};

@@ -42,6 +42,9 @@ pub struct Period {
     pub index: i64,
     /// Its beginning.
     pub start: Timestamp,
+    /// Start of the first of its records; `None` from earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub began: Option<Timestamp>,
     /// Mean time of its records, weighted as delta; `None` from earlier versions.
     #[serde(default)]
     pub measured: Option<Timestamp>,
@@ -90,7 +93,7 @@ pub struct Charted {
 }
 
 /// Evidence of a change: each detector's statistic over its limit, with an alarm above one; `None` for a
-/// detector that has not begun.
+/// detector that did not take the period.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
     /// Evidence of the detector with temperature, and with the other rods of the site if there are at least
@@ -110,6 +113,11 @@ impl Evidence {
 }
 
 impl Period {
+    /// Start of its first record; of one by an earlier version, its [`time`](Self::time).
+    pub fn began(&self) -> Timestamp {
+        self.began.unwrap_or_else(|| self.time())
+    }
+
     /// Mean time of its records; of one by an earlier version, its beginning.
     pub fn time(&self) -> Timestamp {
         self.measured.unwrap_or(self.start)
@@ -158,6 +166,7 @@ pub fn combine(
         .collect();
     let compensated = temperatures.iter().any(Option::is_some);
     let start = start_of(index, period_s);
+    let mut began = None;
     let mut weight = 0.0;
     let mut delta = 0.0;
     let mut measured_s = 0.0;
@@ -170,6 +179,7 @@ pub fn combine(
         let w = 1.0 / (record.sd * record.sd);
         weight += w;
         delta += w * record.delta;
+        began = began.or(Some(record.start));
         measured_s += w * 0.5 * (record.start.seconds_since(start) + record.end.seconds_since(start));
         for (sum, celsius) in filtered_c.iter_mut().zip(temperature.iter().flatten()) {
             *sum += w * celsius;
@@ -184,6 +194,7 @@ pub fn combine(
     Period {
         index,
         start,
+        began,
         measured: Some(start.plus_seconds(measured_s / weight)),
         records: records.len(),
         delta,

@@ -17,7 +17,9 @@ const GREATEST_ERROR: f64 = 1e6;
 pub struct Seen<'a> {
     /// Event time \[d\]; real gaps count.
     pub day: f64,
-    /// Mean time of its records \[d\]: a change began between those of two periods.
+    /// Start of its first record \[d\].
+    pub began: f64,
+    /// Mean time of its records \[d\].
     pub measured: f64,
     /// N_t / N_0 - 1.
     pub ratio: f64,
@@ -60,6 +62,7 @@ impl Row {
     /// unreasonable regressors.
     pub fn new(prior: &BankPrior, seen: &Seen) -> Option<Self> {
         let is_sane = seen.day.is_finite()
+            && seen.began.is_finite()
             && seen.measured.is_finite()
             && seen.ratio.is_finite()
             && seen.sd.is_finite()

@@ -290,7 +290,7 @@ impl DriftWatch {
             origin: self.origin,
         };
         let mut law = None;
-        let mut at_reference = None;
+        let mut seen_alone = None;
         self.last = Sources::default();
         if let Some(compensated) = &mut self.compensated
             && let Some(columns) = compensated.columns(day, period.filtered_c.as_ref(), median)
@@ -302,7 +302,7 @@ impl DriftWatch {
             compensated.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
             let seen = seen(period, &columns);
             law = compensated.detector.step(&seen);
-            at_reference = compensated.change(&seen, terms.limit);
+            seen_alone = Some(columns);
             self.last.temperature = law.is_some();
             self.last.alone = law.is_some() && !compensated.knows_others;
         }
@@ -319,7 +319,7 @@ impl DriftWatch {
                 self.last.temperature |= by_temperature.is_some();
                 law = law.or(by_temperature);
             }
-            at_reference = alone.change(&seen, terms.limit);
+            seen_alone = Some(columns);
         }
         if let Some(median) = median {
             let peers = self
@@ -337,6 +337,11 @@ impl DriftWatch {
         self.note_what_looked(measured);
         let blind_law = self.blind.step(&seen(period, &regressors.blind(day)));
         self.look(terms.limit);
+        // After the look: periods since the onset of a change that is reported now are no part of the level.
+        let at_reference = seen_alone.and_then(|columns: Vec<f64>| {
+            let measured_by = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
+            measured_by.change(&seen(period, &columns), terms.limit, self.above.any())
+        });
         let law = law.or(blind_law).unwrap_or(Law {
             mean: period.delta,
             sd: period.delta_sd,
@@ -355,8 +360,9 @@ impl DriftWatch {
                 .map(|filtered| filtered[SHOWN])
                 .filter(|_| terms.thermal.is_some()),
             evidence: Evidence {
-                compensated: self.current_watching().map(|_| over(self.watching_statistic())),
-                peers: self.current_peers().map(|one| over(one.statistic())),
+                // What did not take the period says nothing of it.
+                compensated: (self.last.temperature).then(|| over(self.watching_statistic())),
+                peers: (self.peers.as_ref().filter(|_| self.last.others)).map(|one| over(one.statistic())),
                 blind: Some(over(self.blind.statistic())),
             },
         }
@@ -452,7 +458,7 @@ impl DriftWatch {
                 .into_iter()
                 .flatten()
             {
-                known.withdraw(change.onset);
+                known.withdraw(change.onset_interval[0]);
             }
         }
     }
@@ -498,8 +504,24 @@ impl DriftWatch {
 
     /// Onset, size and shape of the change, by the best-informed detector of the last period.
     pub(crate) fn change(&self) -> Option<Change> {
-        let change = |(detector, since): (&Detector, _)| detector.change_since(since);
+        // What stands in counts onsets since the middle of the last period that a better-informed one took. That period may have
+        // been a mixture: the onset may lie in it.
+        let change = |(detector, since): (&Detector, Option<f64>)| {
+            detector.change_since(
+                since,
+                since
+                    .zip(self.informed_from())
+                    .map(|(since, from)| since.min(from)),
+            )
+        };
         self.informed().find_map(change)
+    }
+
+    /// Start of the last period that any detector with temperature or other rods took \[d\].
+    fn informed_from(&self) -> Option<f64> {
+        let thermal = [&self.compensated, &self.by_temperature].into_iter().flatten();
+        let detectors = thermal.map(|one| &one.detector).chain(&self.peers);
+        detectors.filter_map(Detector::began).reduce(f64::max)
     }
 
     /// Detectors that had their inputs in the last period, the best-informed first, each with the time from which on its changes
@@ -530,12 +552,13 @@ impl DriftWatch {
         let columns = compensated.columns(day, filtered_c, None)?;
         let seen = Seen {
             day,
+            began: day,
             measured: day,
             ratio,
             sd,
             columns: &columns,
         };
-        compensated.change(&seen, self.limit)
+        compensated.change(&seen, self.limit, self.above.any())
     }
 
     /// Predictive law of a record by the rod's own data only.
@@ -546,6 +569,7 @@ impl DriftWatch {
         };
         self.blind.predict(&Seen {
             day,
+            began: day,
             measured: day,
             ratio,
             sd,
@@ -602,6 +626,7 @@ impl DriftWatch {
 fn seen<'a>(period: &Period, columns: &'a [f64]) -> Seen<'a> {
     Seen {
         day: period.start.days(),
+        began: period.began().days(),
         measured: period.time().days(),
         ratio: period.delta,
         sd: period.delta_sd,
@@ -635,6 +660,17 @@ mod tests {
 
     /// Follows a rod without others: -1 % a kelvin, no temperature in `dark` days.
     fn follow(days: i64, celsius: impl Fn(i64) -> f64, dark: impl Fn(i64) -> bool) -> Vec<Finding> {
+        let all = chart(days, celsius, dark, |_| 0.0);
+        all.into_iter().map(|(_, finding)| finding).collect()
+    }
+
+    /// The same, with a change of force.
+    fn chart(
+        days: i64,
+        celsius: impl Fn(i64) -> f64,
+        dark: impl Fn(i64) -> bool,
+        change: impl Fn(i64) -> f64,
+    ) -> Vec<(Charted, Finding)> {
         let mut watch = DriftWatch::new(0.0, 0.002);
         let one = |index: i64| {
             let warmer = celsius(index) - 10.0;
@@ -642,9 +678,10 @@ mod tests {
             let period = Period {
                 index,
                 start: start_of(index, DAY_S),
+                began: None,
                 measured: None,
                 records: 1,
-                delta: -0.01 * warmer + noise,
+                delta: -0.01 * warmer + noise + change(index),
                 delta_sd: 0.002,
                 filtered_c: (!dark(index)).then_some([celsius(index); FILTERS_D.len()]),
                 lagged_c: None,
@@ -652,8 +689,8 @@ mod tests {
                 not_axial_p: 1.0,
                 charted: None,
             };
-            watch.step(&terms(), &period, false, &Others::default(), DAY_S);
-            watch.finding(&Others::default(), index, false)
+            let charted = watch.step(&terms(), &period, false, &Others::default(), DAY_S);
+            (charted, watch.finding(&Others::default(), index, false))
         };
         (0..days).map(one).collect()
     }
@@ -666,5 +703,43 @@ mod tests {
         assert!(blind.contains(&Finding::Drift(Witness::Blind)), "{blind:?}");
         let gaps = follow(80, celsius, |day| matches!(day, 66 | 70));
         assert!(gaps.iter().all(|found| *found == Finding::Quiet), "{gaps:?}");
+    }
+
+    #[test]
+    fn a_change_before_the_tenth_period_is_not_learned_into_the_level() {
+        let celsius = |day: i64| 10.0 + 2.0 * (day as f64 / 5.0).sin();
+        // The sixth period holds the change and is a mixture.
+        let change = |day: i64| {
+            if day < 6 {
+                0.0
+            } else {
+                -0.08 * if day == 6 { 0.4 } else { 1.0 }
+            }
+        };
+        let charted = chart(40, celsius, |_| false, change);
+        let told = charted
+            .iter()
+            .position(|(_, finding)| *finding == Finding::Drift(Witness::Alone));
+        assert!(matches!(told, Some(7..=9)), "{told:?}");
+        let told = told.unwrap();
+        assert!(
+            charted[..told]
+                .iter()
+                .all(|(charted, _)| charted.at_reference.is_none())
+        );
+        for (charted, _) in &charted[told + 1..] {
+            let (change, sd) = (charted.at_reference.unwrap(), charted.at_reference_sd.unwrap());
+            assert!((change + 0.08).abs() < 3.0 * sd && sd < 0.02, "{change} {sd}");
+        }
+    }
+
+    #[test]
+    fn a_detector_that_did_not_take_a_period_has_no_evidence_of_it() {
+        let celsius = |day: i64| 10.0 + 2.0 * (day as f64 / 5.0).sin();
+        let charted = chart(70, celsius, |day| day >= 60, |_| 0.0);
+        for (day, (charted, _)) in charted.iter().enumerate() {
+            assert_eq!(charted.evidence.compensated.is_some(), day < 60, "{day}");
+            assert!(charted.evidence.blind.is_some());
+        }
     }
 }

@@ -7,8 +7,9 @@ use crate::signal::record::Timestamp;
 use crate::track::alarm::change::Change;
 use crate::track::alarm::{Alarm, Cause, Kind, Known, Standing};
 use crate::track::alternatives::Explained;
+use crate::track::drift::companions::PATIENCE;
 use crate::track::drift::others::{MOVING, Neighbour as _, Others};
-use crate::track::drift::period::{Period, combined_misfit};
+use crate::track::drift::period::{Evidence, Period, combined_misfit};
 use crate::track::drift::watch::{self, DriftWatch, Witness};
 use crate::track::relative::Shift;
 use statrs::distribution::{ContinuousCDF, Normal};
@@ -156,10 +157,16 @@ pub(crate) fn rewatch(tracker: &mut Tracker) {
         watch(tracker, &mut again, &Others::default());
     }
     // Replayed without the other rods: what they explained then is no evidence.
-    if let Some(last) = periods.last()
-        && last
+    let had_others = |period: &Period| {
+        period
             .charted
             .is_some_and(|charted| charted.evidence.peers.is_some())
+    };
+    if let Some(last) = periods
+        .iter()
+        .rev()
+        .take(PATIENCE as usize)
+        .find(|period| had_others(period))
         && let Some(watch) = tracker.state.watch.get_mut()
     {
         watch.looked_beside_others(last.time().days());
@@ -362,6 +369,7 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
         _ => false,
     };
     let sizes = tracker.state.alarms.iter().filter(by_evidence);
+    let witnesses: Vec<_> = sizes.clone().map(|alarm| alarm.witness).collect();
     let size_of = |alarm: &Alarm| alarm.change.as_ref().map_or(0.0, |change| change.size.mean.abs());
     let (Some(size), Some(charted)) = (sizes.map(size_of).reduce(f64::max), period.charted) else {
         return;
@@ -376,8 +384,10 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
             // A small change ends nothing as long as it is evident.
             beyond(change.abs(), 2.0 * over, over).filter(|holds| *holds || evidence < 1.0)
         });
-    // Without a temperature, a lasting change is learned as normal: only the evidence ends the alarm.
-    let is_faint = is_settled && evidence < FAINT_EVIDENCE;
+    // Without a temperature, a lasting change is learned as normal: only the evidence ends the alarm, that of a detector which saw
+    // the change.
+    let saw = |witness: &Option<Witness>| saw_change(*witness, &charted.evidence);
+    let is_faint = is_settled && evidence < FAINT_EVIDENCE && witnesses.iter().all(saw);
     let holds = by_level.or(is_faint.then_some(false));
     if tracker.find(Cause::Change, holds) != Standing::Over {
         return;
@@ -393,6 +403,15 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     });
     if let Some(watch) = tracker.state.watch.get_mut() {
         watch.restart();
+    }
+}
+
+/// True if a detector took the period that is as well informed as the one that told a change, or better.
+fn saw_change(witness: Option<Witness>, evidence: &Evidence) -> bool {
+    match witness {
+        Some(Witness::Blind) => true,
+        Some(Witness::Peers | Witness::Confirmed) => evidence.compensated.or(evidence.peers).is_some(),
+        Some(Witness::Unconfirmed | Witness::Alone) | None => evidence.compensated.is_some(),
     }
 }
 
@@ -477,4 +496,39 @@ fn axial_p(tracker: &Tracker, period: &Period, onset: Timestamp) -> f64 {
         shift.not_axial_p(log_ratio, &misfit)
     });
     (smallest.fold(1.0, f64::min) * windows.len() as f64).min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_change_is_not_ended_by_a_detector_that_knows_less_than_its_witness() {
+        let blind = Evidence {
+            blind: Some(1e-3),
+            ..Evidence::default()
+        };
+        let peers = Evidence {
+            peers: Some(1e-3),
+            ..blind
+        };
+        let all = Evidence {
+            compensated: Some(1e-3),
+            ..peers
+        };
+        let saw = |evidence: &Evidence| {
+            let witnesses = [
+                Some(Witness::Blind),
+                Some(Witness::Peers),
+                Some(Witness::Confirmed),
+                Some(Witness::Unconfirmed),
+                Some(Witness::Alone),
+                None,
+            ];
+            witnesses.map(|witness| saw_change(witness, evidence))
+        };
+        assert_eq!(saw(&blind), [true, false, false, false, false, false]);
+        assert_eq!(saw(&peers), [true, true, true, false, false, false]);
+        assert_eq!(saw(&all), [true; 6]);
+    }
 }

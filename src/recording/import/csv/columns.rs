@@ -3,6 +3,7 @@
 use super::cells::{is_missing, number};
 use super::layout::{Layout, is_blank};
 use super::{Table, Tabled, TimeColumn};
+use crate::recording::import::asked::tell_apart;
 use crate::recording::import::lines::shown;
 use crate::recording::import::stamp::{self, DateOrder, SINCE_2001, TimeUnit, Written};
 use crate::recording::import::{ImportError, MOST_VALUES, Signal, Stamps, Timing, is_time_name};
@@ -53,10 +54,11 @@ impl Columns {
         table: &Table,
         decimal_comma: bool,
         layout: Layout,
-        names: Vec<String>,
+        mut names: Vec<String>,
         units: Vec<Option<String>>,
         rows: &[Vec<String>],
     ) -> Result<Self, ImportError> {
+        tell_apart(&mut names);
         let width = names.len();
         let first = rows.get(layout.first).map(Vec::as_slice).unwrap_or_default();
         let find = |wanted: &String| {

@@ -60,13 +60,15 @@ pub(super) struct Folder {
     /// Folders that cannot be read, each a condition; the empty path is the watched folder itself.
     unreadable: BTreeSet<PathBuf>,
     finished: Option<Lane>,
+    /// Log time of the first message of the finished file that is read \[ns since 1970\].
+    begins: u64,
     growing: VecDeque<Lane>,
     next_scan: Instant,
     /// Bytes of samples that the journal holds.
     elsewhere: usize,
     /// True if the growing files have the next turn.
     is_turn_of_growing: bool,
-    /// True if finished files come first: at the start, until all present then are read.
+    /// True at the start, until all finished files present then are read.
     catches_up: bool,
 }
 
@@ -108,6 +110,7 @@ impl Folder {
             links: BTreeSet::new(),
             unreadable: BTreeSet::new(),
             finished: None,
+            begins: 0,
             growing: VecDeque::new(),
             next_scan: Instant::now(),
             elsewhere: 0,
@@ -116,9 +119,16 @@ impl Folder {
         }
     }
 
-    /// True if files that were present at the start come before everything live.
+    /// True while finished files that were present at the start are read: side by side with the journal, by the time of their data.
     pub fn catches_up(&self) -> bool {
         self.catches_up
+    }
+
+    /// Log time up to which the finished files are read \[ns since 1970\]; 0 before the first look.
+    pub fn at(&self) -> u64 {
+        let next = self.queue.first().map_or(0, |(time, _)| *time);
+        let finished = self.finished.as_ref();
+        finished.map_or(next, |lane| lane.recording.at().unwrap_or(self.begins))
     }
 
     /// True if finished files wait to be read, or are being read.
@@ -350,9 +360,10 @@ impl Folder {
     }
 
     fn open_finished(&mut self) {
-        let Some((_, name)) = self.queue.pop_first() else {
+        let Some((begins, name)) = self.queue.pop_first() else {
             return;
         };
+        self.begins = begins;
         self.queued.remove(&name);
         let opened = self.open(&name).and_then(|file| {
             Lane::begin(&name, file, false, &self.channels, &self.settings)

@@ -85,6 +85,7 @@ fn follow(seed: u64) -> Vec<f64> {
         let ratio = per_k * (at(&rod, time) - reference_c) + 0.002 * noise;
         detector.step(&Seen {
             day: time,
+            began: time,
             measured: time,
             ratio,
             sd: STATED_SD,

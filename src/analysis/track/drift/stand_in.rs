@@ -148,6 +148,7 @@ impl Site {
             let period = Period {
                 index,
                 start: start_of(index, DAY_S),
+                began: None,
                 measured: None,
                 records: 1,
                 delta: -0.01 * warmer + noise(index, 0) + today.change,

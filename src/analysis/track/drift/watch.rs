@@ -365,8 +365,7 @@ impl DriftWatch {
                 .filter(|_| terms.thermal.is_some()),
             evidence: Evidence {
                 // What did not take the period says nothing of it.
-                compensated: (self.watching().filter(|_| self.last.temperature))
-                    .map(|_| over(self.watching_statistic())),
+                compensated: (self.last.temperature).then(|| over(self.watching_statistic())),
                 peers: (self.peers.as_ref().filter(|_| self.last.others)).map(|one| over(one.statistic())),
                 blind: Some(over(self.blind.statistic_since(blind_since))),
             },

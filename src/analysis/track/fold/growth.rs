@@ -59,23 +59,34 @@ pub(super) fn look_at_growth(tracker: &mut Tracker, period: &Period, others: &Ot
 fn grown(tracker: &Tracker, told: &Interval, periods: &[&Period]) -> Option<Interval> {
     let count = tracker.plan.alarm.confirm.max(1);
     let last = periods.len().checked_sub(count).map(|first| &periods[first..])?;
-    let shift = tracker.shift.as_ref();
-    let now = |period: &&Period| {
-        let charted = period.charted?;
-        let (change, sd) = (charted.at_reference?, charted.at_reference_sd?);
-        let size = Interval::normal(change, sd.hypot(static_sd(shift, change)));
-        grew(told, size.mean, size.sd).then_some(size)
-    };
+    let now = |period: &&Period| at_reference(tracker, period).filter(|size| grew(told, size.mean, size.sd));
     let all: Option<Vec<Interval>> = last.iter().map(now).collect();
     all?.last().copied()
 }
 
-/// Present change for the repetition of a drift, the whole of it where it grew since its onset.
-pub(super) fn change_grown(tracker: &Tracker) -> Option<Change> {
+/// Present change for the repetition of a drift that was told as `told`. The onset particles may date a later change alone, or the
+/// first alone: the alarm has the whole.
+pub(super) fn change_since_told(tracker: &Tracker, told: Option<&Change>) -> Option<Change> {
     let change = change_now(tracker)?;
+    let last = tracker.state.periods.last();
+    let later = |told: &&Change| change.onset_q025 > told.onset_q975;
+    if let Some((told, size)) = told
+        .filter(later)
+        .zip(last.and_then(|period| at_reference(tracker, period)))
+    {
+        return Some(Change { size, ..told.clone() });
+    }
     let since: Vec<&Period> = since(tracker, change.onset, None);
     let size = grown(tracker, &change.size, &since).unwrap_or(change.size);
     Some(Change { size, ..change })
+}
+
+/// Change at the reference temperature by a period.
+fn at_reference(tracker: &Tracker, period: &Period) -> Option<Interval> {
+    let charted = period.charted?;
+    let (change, sd) = (charted.at_reference?, charted.at_reference_sd?);
+    let by_parameters = static_sd(tracker.shift.as_ref(), change);
+    Some(Interval::normal(change, sd.hypot(by_parameters)))
 }
 
 /// True if a change of this size and standard deviation is certainly not the one told: larger by half of it and a hundredth of the

@@ -8,6 +8,7 @@ use crate::signal::record::Timestamp;
 use crate::track::alarm::change::Change;
 use crate::track::alarm::{Alarm, Cause, Kind, Known, Standing};
 use crate::track::alternatives::Explained;
+use crate::track::drift::companions::PATIENCE;
 use crate::track::drift::others::{MOVING, Neighbour as _, Others};
 use crate::track::drift::period::{Charted, Evidence, Period, combined_misfit};
 use crate::track::drift::watch::{DriftWatch, Finding, Witness};
@@ -161,10 +162,16 @@ pub(crate) fn rewatch(tracker: &mut Tracker) {
         watch(tracker, &mut again, &Others::default());
     }
     // Replayed without the other rods: what they explained then is no evidence.
-    if let Some(last) = periods.last()
-        && last
+    let had_others = |period: &Period| {
+        period
             .charted
             .is_some_and(|charted| charted.evidence.peers.is_some())
+    };
+    if let Some(last) = periods
+        .iter()
+        .rev()
+        .take(PATIENCE as usize)
+        .find(|period| had_others(period))
         && let Some(watch) = tracker.state.watch.get_mut()
     {
         watch.looked_beside_others(last.time().days());
@@ -312,7 +319,8 @@ fn look_at_limit(tracker: &mut Tracker, period: &Period, others: &Others, time: 
     let alarm = &tracker.plan.alarm;
     let (limit, certain) = (alarm.limit_loss, alarm.limit_probability);
     let watch = tracker.state.watch.get();
-    let seems_common = |watch: &&DriftWatch| watch.finding(others, period.index, false) == Finding::Common;
+    let found = |watch: &&DriftWatch| watch.finding(others, period.index, false);
+    let seems_common = |watch: &&DriftWatch| matches!(found(watch), Finding::Common | Finding::Waiting);
     let common = watch.filter(seems_common).map_or(0.0, DriftWatch::size);
     let common = common.max(tracker.state.common_size());
     let sd = charted_sd

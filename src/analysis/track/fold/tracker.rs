@@ -327,7 +327,9 @@ impl Tracker {
         }
         let mut drifts = self.state.alarms.iter().filter(|alarm| alarm.kind == Kind::Drift);
         let renewed = if drifts.any(|alarm| alarm.is_due(time, repeat_s)) {
-            growth::change_grown(self).map(|change| {
+            let mut active = self.state.alarms.iter();
+            let told = active.find(|alarm| alarm.kind == Kind::Drift && alarm.cleared.is_none());
+            growth::change_since_told(self, told.and_then(|alarm| alarm.change.as_ref())).map(|change| {
                 let alternatives = explain(self, &change, None);
                 (change, alternatives)
             })

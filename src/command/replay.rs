@@ -11,7 +11,7 @@ use super::report;
 use super::setup::{self, GivenUp, Prepared, Setup};
 use super::sketch::{self, When};
 use super::status;
-use super::which_store::Output;
+use super::which_store::{Format, Output};
 use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::RodId;
@@ -202,7 +202,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if has_seen_all {
         // Of a store without any record there is nothing to tell.
         if site.store().last_record()? > 0 {
-            let standing = status::text(site.store())?;
+            let standing = status::text(site.store(), None, Format::Table, None)?;
             tell!("{}", standing.trim_end());
         }
         if let Some(width) = args.plot.width().filter(|_| !args.output.is_json()) {

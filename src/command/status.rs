@@ -51,13 +51,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let rod = check_rod(&reader, args.rod.as_deref())?;
     let now = clock::now();
     let monitoring = Monitoring::of(&reader, store::is_held(reader.path()), now)?;
-    let rows = rows(&reader, rod.as_ref())?;
-    let text = match args.format {
-        _ if rows.is_empty() => String::new(),
-        Format::Json => json(&rows, monitoring.as_ref(), now)?,
-        Format::Csv => spreadsheet(&rows, monitoring.as_ref(), now),
-        Format::Table => table(&rows, now),
-    };
+    let text = text(&reader, rod.as_ref(), args.format, monitoring.as_ref())?;
     for sentence in monitoring.iter().flat_map(Monitoring::sentences) {
         tell!("{}", escaped(&sentence));
     }
@@ -67,16 +61,22 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     super::print(text.as_bytes())
 }
 
-/// Table of the status of a store's rods; empty if it has no rod yet.
+/// Status of a store's rods, or of one; empty if it has none yet.
 ///
 /// # Errors
 /// The store cannot be read.
-pub fn text(reader: &Reader) -> anyhow::Result<String> {
-    let rows = rows(reader, None)?;
-    Ok(if rows.is_empty() {
-        String::new()
-    } else {
-        table(&rows, clock::now())
+pub fn text(
+    reader: &Reader,
+    rod: Option<&RodId>,
+    format: Format,
+    monitoring: Option<&Monitoring>,
+) -> anyhow::Result<String> {
+    let (rows, now) = (rows(reader, rod)?, clock::now());
+    Ok(match format {
+        _ if rows.is_empty() => String::new(),
+        Format::Json => json(&rows, monitoring, now)?,
+        Format::Csv => spreadsheet(&rows, monitoring, now),
+        Format::Table => table(&rows, now),
     })
 }
 

@@ -123,7 +123,7 @@ fn status_says_what_stands_and_what_is_not_compensated() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("site.db");
     let reader = filled(&path);
-    let table = status::text(&reader, None, Format::Table).unwrap();
+    let table = status::text(&reader, None, Format::Table, None).unwrap();
     for wanted in [
         "~-4.85 (",
         "uncompensated",
@@ -136,7 +136,7 @@ fn status_says_what_stands_and_what_is_not_compensated() {
     }
     let north = RodId("north".into());
     let row: Value =
-        serde_json::from_str(&status::text(&reader, Some(&north), Format::Json).unwrap()).unwrap();
+        serde_json::from_str(&status::text(&reader, Some(&north), Format::Json, None).unwrap()).unwrap();
     assert_eq!(
         (&row["state"], &row["compensated"]),
         (&"alarm".into(), &false.into())
@@ -144,12 +144,12 @@ fn status_says_what_stands_and_what_is_not_compensated() {
     assert_eq!(row["since"], hour(40).to_string());
     assert_eq!(row["latest_record"], hour(48).to_string());
     assert_eq!((&row["records"], &row["rejected"]), (&25.into(), &0.into()));
-    let table = parse_csv(&status::text(&reader, None, Format::Csv).unwrap());
+    let table = parse_csv(&status::text(&reader, None, Format::Csv, None).unwrap());
     assert!(table.len() == 3 && table.iter().all(|row| row.len() == table[0].len()));
     let empty = folder.path().join("empty.db");
     drop(Store::open(&empty, Durability::Full).unwrap());
     assert_eq!(
-        status::text(&Reader::open(&empty).unwrap(), None, Format::Table).unwrap(),
+        status::text(&Reader::open(&empty).unwrap(), None, Format::Table, None).unwrap(),
         ""
     );
 }
@@ -167,7 +167,7 @@ fn acknowledging_works_beside_a_writer_and_without_one() {
         run(&["ack", "--store", store, &id]).unwrap();
         assert!(reader.alarm(&id).unwrap().unwrap().acknowledged.is_none());
         assert_eq!(reader.waiting(&north).unwrap().len(), 1);
-        let table = status::text(&reader, None, Format::Table).unwrap();
+        let table = status::text(&reader, None, Format::Table, None).unwrap();
         assert!(
             table.contains(&format!("waits for the next record: acknowledge {id}")),
             "{table}"

@@ -44,7 +44,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     match config {
         Ok(config) => {
             if let Some(store) = &args.against {
-                return against(&config, store);
+                return against(&config, store, args.quiet);
             }
             if !args.quiet {
                 return super::print(config.effective().as_bytes());
@@ -55,12 +55,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// Reports the effect of the configuration on the baselines of a store.
-fn against(config: &Config, store: &Path) -> anyhow::Result<ExitCode> {
+/// Reports the effect of the configuration on the baselines of a store; only those that would be lost, if quiet.
+fn against(config: &Config, store: &Path, is_quiet: bool) -> anyhow::Result<ExitCode> {
     let prospects = baselines::prospects(&Reader::open(store)?, config)?;
-    let lines: Vec<String> = prospects.iter().map(|prospect| format!("{prospect}\n")).collect();
-    super::print(lines.concat().as_bytes())?;
     let is_lost = |prospect: &Prospect| prospect.fate.is_loss();
+    let told = prospects.iter().filter(|prospect| !is_quiet || is_lost(prospect));
+    let lines: Vec<String> = told.map(|prospect| format!("{prospect}\n")).collect();
+    super::print(lines.concat().as_bytes())?;
     Ok(if prospects.iter().any(is_lost) {
         ExitCode::from(super::WITH_LOSSES)
     } else {

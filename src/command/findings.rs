@@ -31,7 +31,7 @@ pub fn opening(measurement: &Measurement) -> Vec<String> {
 }
 
 /// Start of a record in words; a file without a start begins in 1970 to the nanosecond.
-fn began(start: Timestamp) -> String {
+pub fn began(start: Timestamp) -> String {
     match start.as_nanos() {
         0 => "its time not said".to_owned(),
         _ => format!("from {start}"),

@@ -3,6 +3,7 @@
 use super::progress::Watched;
 use super::setup::Setup;
 use crate::analysis::signal::record::{Timestamp, Unit};
+use crate::config::written::positive;
 use crate::recording::import::{self, DateOrder, Format, How, TimeUnit, Wanted, csv};
 use crate::site::records::Others;
 use std::fs::File;
@@ -112,14 +113,6 @@ pub fn watch(file: File, bytes: u64) -> Box<dyn Read> {
 /// It is none.
 pub fn unit(text: &str) -> Result<Unit, String> {
     Unit::as_written(text).ok_or_else(|| import::unknown_unit(text))
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    let number = text
-        .parse()
-        .ok()
-        .filter(|number: &f64| number.is_finite() && *number > 0.0);
-    number.ok_or_else(|| "a positive number is expected".to_owned())
 }
 
 fn time(text: &str) -> Result<Timestamp, String> {

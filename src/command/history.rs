@@ -5,6 +5,7 @@ use super::import::MessageEncoding;
 use super::listing::{Aligned, cell, csv, decimals, is_coloured, minutes, object};
 use super::render::percent;
 use super::which_store::{Format, WhichStore, check_rod};
+use crate::analysis::findings::Doubt;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::Timestamp;
 use crate::recording::write::Encoding;
@@ -28,7 +29,9 @@ use std::process::ExitCode;
   tirante history --store site.db --format mcap > results.mcap
   tirante history --store site.db --format mcap --encoding cdr > ros2.mcap
 
-A '~' before a change or force says that it is not compensated for temperature.")]
+A '~' before a change or force says that it is not compensated for temperature,
+'!' or '?' before a force that it may be wrong: conflict, prior_tail and
+label_probability of --format csv say by what.")]
 pub struct Args {
     /// Store to read.
     #[command(flatten)]
@@ -320,14 +323,15 @@ fn cells(what: What, row: &Row<'_>) -> Vec<String> {
                 (None, Some((mean, sd))) => format!("~{}", percent(mean, sd)),
                 (None, None) => "-".to_owned(),
             };
+            let mark = Doubt::mark(&row.doubts());
             let force = match (row.number("force_at_reference_n"), row.number("tracked_force_n")) {
-                (Some(mean), _) => row.force_with_sd(mean, "force_at_reference_sd_n"),
-                (None, Some(mean)) => format!("~{}", row.force_with_sd(mean, "tracked_force_sd_n")),
+                (Some(mean), _) => format!("{mark}{}", row.force_with_sd(mean, "force_at_reference_sd_n")),
+                (None, Some(mean)) => format!("{mark}~{}", row.force_with_sd(mean, "tracked_force_sd_n")),
                 (None, None) => "-".to_owned(),
             };
             let absolute = row.number("axial_force_n").map_or_else(
                 || "-".to_owned(),
-                |mean| row.force_with_sd(mean, "axial_force_sd_n"),
+                |mean| format!("{mark}{}", row.force_with_sd(mean, "axial_force_sd_n")),
             );
             let state = match (row.text("rejection"), row.text("set_aside")) {
                 (Some(code), _) => {
@@ -423,6 +427,13 @@ impl Row<'_> {
             Value::Integer(number) => Some(*number as f64),
             _ => None,
         }
+    }
+
+    /// Reasons to doubt the record's force.
+    fn doubts(&self) -> Vec<Doubt> {
+        let [conflict, prior_tail, label_probability] =
+            ["conflict", "prior_tail", "label_probability"].map(|name| self.number(name));
+        Doubt::all(conflict, prior_tail, label_probability)
     }
 
     fn shown(&self, name: &str) -> String {

@@ -22,7 +22,7 @@ use crate::analysis::rod::fixity::Fixity;
 use crate::analysis::rod::prior::Prior;
 use crate::analysis::signal::modes::Mode;
 use crate::command::which_store::Output;
-use crate::config::Config;
+use crate::config::{Config, written};
 use crate::site::analyse::{Analysed, Known};
 use crate::site::prepared::{Plans, provenance};
 use crate::site::record_row::RecordRow;
@@ -127,10 +127,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
 fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
     let mut config = args.setup.load()?;
-    let modes = parse_modes(list, args.sd.as_deref())?;
-    if args.sd.is_none() {
-        tell!("no --sd: every frequency is taken with the paper's standard error of 0.0316 Hz");
-    }
+    let modes = modes_of(("--frequencies", list), ("--sd", args.sd.as_deref()))?;
     let rod = setup::choose_rod(&config, args.rod.as_deref())?
         .analysis
         .rod
@@ -247,7 +244,10 @@ fn tests_of(args: &Args, config: &Config, plans: &Arc<Plans>, plan: &Plan) -> an
     let prior = &plan.settings().prior;
     let mut tests = args.tests.read(prior)?;
     if let Some(list) = &args.tests.mass_frequencies {
-        let modes = parse_modes(list, args.tests.mass_sd.as_deref())?;
+        let modes = modes_of(
+            ("--mass-frequencies", list),
+            ("--mass-sd", args.tests.mass_sd.as_deref()),
+        )?;
         tests.add_loaded(&modes, prior)?;
     }
     if let Some(path) = &args.tests.with_mass {
@@ -483,15 +483,26 @@ fn fixity_row(support: Quantity, fixity: &Fixity, posterior: &Posterior) -> Stri
     )
 }
 
-fn parse_modes(frequencies: &str, sd: Option<&str>) -> anyhow::Result<Vec<Mode>> {
-    let frequencies = parse_list("--frequencies", frequencies)?;
-    let sds = sd.map(|sd| parse_list("--sd", sd)).transpose()?;
+/// Modes from the list of one flag, with the errors of another; says which error is assumed without it.
+fn modes_of((flag, list): (&str, &str), (sd_flag, sd): (&str, Option<&str>)) -> anyhow::Result<Vec<Mode>> {
+    let modes = parse_modes((flag, list), (sd_flag, sd))?;
+    if sd.is_none() {
+        tell!(
+            "no {sd_flag}: every frequency of {flag} is taken with the paper's standard error of 0.0316 Hz"
+        );
+    }
+    Ok(modes)
+}
+
+fn parse_modes((flag, list): (&str, &str), (sd_flag, sd): (&str, Option<&str>)) -> anyhow::Result<Vec<Mode>> {
+    let frequencies = parse_list(flag, list)?;
+    let sds = sd.map(|sd| parse_list(sd_flag, sd)).transpose()?;
     if let Some(sds) = &sds
         && sds.len() != 1
         && sds.len() != frequencies.len()
     {
         let message = format!(
-            "--sd has {} entries, --frequencies {}",
+            "{sd_flag} has {} entries, {flag} {}",
             sds.len(),
             frequencies.len()
         );
@@ -503,16 +514,16 @@ fn parse_modes(frequencies: &str, sd: Option<&str>) -> anyhow::Result<Vec<Mode>>
         let order = index + 1;
         let sd_hz = match sds.as_deref() {
             None => DEFAULT_SD_HZ,
-            Some([one]) => one.ok_or_else(|| BadArguments("--sd: '-' alone gives no error".to_owned()))?,
-            Some(list) => list[index]
-                .ok_or_else(|| BadArguments(format!("--sd: mode {order} was measured, its error is '-'")))?,
+            Some([one]) => one.ok_or_else(|| BadArguments(format!("{sd_flag}: '-' alone gives no error")))?,
+            Some(list) => list[index].ok_or_else(|| {
+                BadArguments(format!("{sd_flag}: mode {order} was measured, its error is '-'"))
+            })?,
         };
         if modes
             .last()
             .is_some_and(|before| before.frequency_hz >= frequency_hz)
         {
-            let message =
-                format!("--frequencies: mode {order} at {frequency_hz} Hz is not above the one before");
+            let message = format!("{flag}: mode {order} at {frequency_hz} Hz is not above the one before");
             return Err(BadArguments(message).into());
         }
         modes.push(Mode {
@@ -523,13 +534,13 @@ fn parse_modes(frequencies: &str, sd: Option<&str>) -> anyhow::Result<Vec<Mode>>
         });
     }
     if modes.is_empty() {
-        return Err(BadArguments("--frequencies: no mode was measured".to_owned()).into());
+        return Err(BadArguments(format!("{flag}: no mode was measured")).into());
     }
     if let Some(mode) = modes.last()
         && mode.order > crate::analysis::rod::beam::forward::MAX_MODES
     {
         let message = format!(
-            "--frequencies: at most {} modes are used",
+            "{flag}: at most {} modes are used",
             crate::analysis::rod::beam::forward::MAX_MODES
         );
         return Err(BadArguments(message).into());
@@ -538,10 +549,13 @@ fn parse_modes(frequencies: &str, sd: Option<&str>) -> anyhow::Result<Vec<Mode>>
 }
 
 fn parse_list(flag: &str, text: &str) -> anyhow::Result<Vec<Option<f64>>> {
-    text.split(',')
-        .map(|entry| match entry.trim() {
+    let entries = written::list(text).map_err(|why| BadArguments(format!("{flag}: {why}")))?;
+    entries
+        .into_iter()
+        .map(|entry| match entry {
             "-" | "" => Ok(None),
-            number => match number.parse::<f64>() {
+            number => match written::decimal(number) {
+                Err(why) if number.contains(',') => Err(BadArguments(format!("{flag}: {why}")).into()),
                 Ok(value) if value > 0.0 && value <= HIGHEST_HZ => Ok(Some(value)),
                 _ => Err(BadArguments(format!(
                     "{flag}: '{number}' is no number of hertz above 0 and up to {HIGHEST_HZ}"
@@ -556,19 +570,23 @@ fn parse_list(flag: &str, text: &str) -> anyhow::Result<Vec<Option<f64>>> {
 mod tests {
     use super::*;
 
+    fn modes(frequencies: &str, sd: Option<&str>) -> anyhow::Result<Vec<Mode>> {
+        parse_modes(("--frequencies", frequencies), ("--sd", sd))
+    }
+
     #[test]
     fn missing_modes_keep_their_place() {
-        let modes = parse_modes("4.492,-,13.252", Some("0.005,-,0.01")).unwrap();
-        assert_eq!(modes.iter().map(|mode| mode.order).collect::<Vec<_>>(), [1, 3]);
-        assert_eq!(modes[1].sd_hz, 0.01);
+        let found = modes("4.492,-,13.252", Some("0.005,-,0.01")).unwrap();
+        assert_eq!(found.iter().map(|mode| mode.order).collect::<Vec<_>>(), [1, 3]);
+        assert_eq!(found[1].sd_hz, 0.01);
     }
 
     #[test]
     fn one_error_serves_all_and_none_is_the_papers() {
-        let modes = parse_modes("4.5,9.3", Some("0.002")).unwrap();
-        assert!(modes.iter().all(|mode| mode.sd_hz == 0.002));
-        let modes = parse_modes("4.5", None).unwrap();
-        assert!((modes[0].sd_hz.powi(2) - 1e-3).abs() < 1e-18);
+        let both = modes("4.5,9.3", Some("0.002")).unwrap();
+        assert!(both.iter().all(|mode| mode.sd_hz == 0.002));
+        let one = modes("4.5", None).unwrap();
+        assert!((one[0].sd_hz.powi(2) - 1e-3).abs() < 1e-18);
     }
 
     #[test]
@@ -585,8 +603,32 @@ mod tests {
             ("4.5,9.3", Some("0.1,-")),
             ("4.5", Some("-")),
             ("4.5", Some("0")),
+            ("4,492", Some("0.1")),
+            ("4,5", Some("0.1")),
+            ("4.5", Some("0,01")),
         ] {
-            assert!(parse_modes(frequencies, sd).is_err(), "{frequencies} {sd:?}");
+            assert!(modes(frequencies, sd).is_err(), "{frequencies} {sd:?}");
         }
+    }
+
+    #[test]
+    fn a_fault_names_the_flag_it_stands_in() {
+        for (frequencies, sd, flag) in [
+            ("9.5,8.0", None, "--mass-frequencies: mode 2"),
+            (
+                "9.5,18.0",
+                Some("0.1,0.1,0.1"),
+                "--mass-sd has 3 entries, --mass-frequencies 2",
+            ),
+            ("9.5", Some("-"), "--mass-sd: "),
+            ("9,5", None, "--mass-frequencies: a comma"),
+            ("-", None, "--mass-frequencies: no mode"),
+        ] {
+            let said = parse_modes(("--mass-frequencies", frequencies), ("--mass-sd", sd));
+            let said = said.unwrap_err().to_string();
+            assert!(said.starts_with(flag), "{frequencies}: {said}");
+        }
+        let commas = modes("4,492; 9,288", None).unwrap();
+        assert_eq!((commas[0].frequency_hz, commas[1].frequency_hz), (4.492, 9.288));
     }
 }

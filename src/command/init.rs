@@ -1,17 +1,21 @@
 //! `tirante init`: writes a commented configuration for one rod, from flags, questions and a recording.
 
+use super::listing::pasted;
 use super::questions::Questions;
-use super::rod_flags::{Rod, RodFlags, positive};
+use super::rod_flags::{Rod, RodFlags};
 use super::sensor::{Sensor, Wanted};
 use super::template::{self, Template};
 use super::{BadArguments, foreign, print};
 use crate::analysis::signal::record::Unit;
+use crate::config::written::positive;
 use crate::config::{self, Config};
 use crate::recording::import::{self, How};
 use anyhow::Context;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+/// Name of the site, if none is given.
+const SITE: &str = "A site";
 /// Default id of the rod.
 const ID: &str = "rod-1";
 
@@ -97,12 +101,20 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         None => {
             let question = format!("name of the rod (Enter: {ID})");
             let answer = questions.ask_open(&question, config::rod_id)?;
-            answer.unwrap_or_else(|| ID.to_owned())
+            answer.unwrap_or_else(|| {
+                if !questions.is_terminal {
+                    tell!("the rod is called {ID}: --id gives it another name");
+                }
+                ID.to_owned()
+            })
         }
     };
+    if args.site.is_none() {
+        tell!("the site is called {SITE}: --site gives it another name");
+    }
     let text = Template {
         command: "init",
-        site: args.site.as_deref().unwrap_or("A site"),
+        site: args.site.as_deref().unwrap_or(SITE),
         id: &id,
         rod: &rod,
         sensor: &sensor,
@@ -115,12 +127,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let recording = args
         .recording
         .as_ref()
-        .map_or("RECORDING.mcap".to_owned(), |path| path.display().to_string());
-    let out = args.out.display();
+        .map_or("RECORDING.mcap".to_owned(), |path| pasted(path));
     print(
         format!(
-            "{out}: written: {}\nRead it, correct its priors, then\n  tirante identify {recording} --config {out}\n",
-            rod.said()
+            "{}: written: {}\nRead it, correct its priors, then\n  tirante identify {recording} --config {}\n",
+            args.out.display(),
+            rod.said(),
+            pasted(&args.out)
         )
         .as_bytes(),
     )

@@ -6,12 +6,31 @@ use serde_json::Value as Json;
 use std::env;
 use std::fmt::Write;
 use std::io::{self, IsTerminal};
+use std::path::Path;
 
 /// Width in characters that a line exceeds only for a word that is longer.
 pub(super) const WIDTH: usize = 80;
 
 /// Least width of a wrapped last column; a narrower one goes on lines of its own.
 const NARROWEST: usize = 32;
+
+/// A path as a word of a command line to be pasted into a shell.
+pub(super) fn pasted(path: &Path) -> String {
+    let text = path.display().to_string();
+    let is_plain = |c: char| c.is_alphanumeric() || "_-./+,:@%=".contains(c);
+    match !text.is_empty() && !text.starts_with('-') && text.chars().all(is_plain) {
+        true => text,
+        false => {
+            // A word that begins with a hyphen would be taken for a flag.
+            let text = if text.starts_with('-') {
+                format!("./{text}")
+            } else {
+                text
+            };
+            format!("'{}'", text.replace('\'', "'\\''"))
+        }
+    }
+}
 
 /// Rows in aligned columns, numbers to the right, within 80 columns.
 pub struct Aligned {
@@ -307,6 +326,19 @@ mod tests {
             assert!(text.lines().all(|line| line.chars().count() <= widest), "{text}");
             let all: Vec<&str> = text.split_whitespace().collect();
             assert_eq!(all.iter().filter(|word| **word == "loss").count(), 6, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_path_is_pasted_as_one_word() {
+        for (path, word) in [
+            ("a/b-1_c.csv", "a/b-1_c.csv"),
+            ("Navata nord.csv", "'Navata nord.csv'"),
+            ("dell'organo.csv", "'dell'\\''organo.csv'"),
+            ("$HOME.csv", "'$HOME.csv'"),
+            ("-x.csv", "'./-x.csv'"),
+        ] {
+            assert_eq!(pasted(Path::new(path)), word);
         }
     }
 }

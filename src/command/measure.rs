@@ -2,14 +2,15 @@
 
 use super::campaign::{self, Reading};
 use super::foreign::{self, Foreign};
+use super::measure_files::Files;
 use super::progress::Progress;
 use super::questions::Questions;
-use super::rod_flags::{Rod, RodFlags, positive};
+use super::rod_flags::{Rod, RodFlags};
 use super::sensor::{Sensor, Wanted};
 use super::setup::{self, GivenUp, Prepared};
 use super::sketch::{self, When};
 use super::template::{self, Template};
-use super::{BadArguments, findings, report};
+use super::{findings, report};
 use crate::analysis::findings::{Candidate, Doubt};
 use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
@@ -17,14 +18,12 @@ use crate::analysis::rod::beam::Quantity;
 use crate::analysis::signal::record::{Rejection, Unit};
 use crate::command::which_store::Output;
 use crate::config::Config;
+use crate::config::written::positive;
 use crate::recording::import::{self, Format, How};
 use crate::recording::read::contents::Content;
 use crate::site::analyse::Analysed;
 use crate::site::records::Others;
 use crate::site::store::Position;
-use crate::site::trackers::Site;
-use anyhow::Context;
-use std::fs;
 use std::io::{self, BufRead, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -108,15 +107,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             false => args.out.join(name),
         }
     };
-    let (toml, page) = (named("toml"), named("html"));
-    if toml.exists() {
-        return Err(BadArguments(format!(
-            "{0}: exists, and is not overwritten: `tirante identify {1} --config {0}` uses it, or give another --out",
-            toml.display(),
-            args.file.display()
-        ))
-        .into());
-    }
+    let files = Files::new(named("toml"), named("html"), &args.file)?;
     let mut questions = Questions::here();
     let mut how = args.foreign.how();
     let found = look(&args.file, &mut how, &mut questions)?;
@@ -143,7 +134,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         thermometer: template::thermometer(Some(&found)),
     }
     .text();
-    let config = Config::parse(&text, &toml.display().to_string())?;
+    let config = Config::parse(&text, &files.toml.display().to_string())?;
     let how = as_read(&args.file, how, &sensor)?;
     let Prepared { generation, mut site } = setup::site(config, None, &GivenUp::default())?;
     let others = Others {
@@ -155,7 +146,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if !args.output.is_json() {
         super::print(format!("{}: {}\n", args.file.display(), rod.said()).as_bytes())?;
     }
-    let mut records = 0;
+    let (mut records, mut forces) = (0, 0);
     let tally = campaign::run(
         std::slice::from_ref(&args.file),
         &generation.config,
@@ -166,6 +157,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         |analysed: &Analysed, place: Option<Position<'_>>, _: Option<[u8; 32]>, bar: &Progress| {
             if let Analysed::Record(outcome) = analysed {
                 records += 1;
+                forces += usize::from(matches!(outcome.as_ref(), Outcome::Identified(_)));
                 let Some(taken) = site.take(outcome, place)? else {
                     return Ok(false);
                 };
@@ -180,7 +172,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     )?;
     let code = campaign::conclude(tally);
     if records > 0 {
-        keep(&toml, &text, &site, &page)?;
+        files.keep(&text, forces > 0, |page| {
+            report::write(site.store(), None, page)?;
+            Ok(())
+        })?;
     }
     Ok(code)
 }
@@ -193,11 +188,10 @@ fn look<R: BufRead>(
 ) -> anyhow::Result<Vec<Content>> {
     if import::lacks_rate(file, how)? {
         let question = "sample rate in Hz, which the file does not say";
-        how.rate_hz = Some(questions.ask(
-            question,
-            "--rate, or --time with the column of the stamps,",
-            positive,
-        )?);
+        let flag = "--rate, or --time with the column of the stamps,";
+        let rate_hz = questions.ask(question, flag, positive)?;
+        questions.confirm(&format!("{rate_hz} Hz"));
+        how.rate_hz = Some(rate_hz);
     }
     Ok(import::topics(file, how, &foreign::watch)?)
 }
@@ -237,18 +231,6 @@ fn id_of(stem: &str) -> String {
         true => "rod-1".to_owned(),
         false => id,
     }
-}
-
-/// Writes configuration and report, and reports their paths.
-fn keep(toml: &Path, text: &str, site: &Site, page: &Path) -> anyhow::Result<()> {
-    let folder = toml.parent().filter(|folder| !folder.as_os_str().is_empty());
-    if let Some(folder) = folder {
-        fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    }
-    template::save(toml, text).with_context(|| format!("cannot write {}", toml.display()))?;
-    report::write(site.store(), None, page)?;
-    tell!("configuration: {}\nreport: {}", toml.display(), page.display());
-    Ok(())
 }
 
 /// A record in words: peaks, spectrum, force with its marks and the sources of its variance; for a refused

@@ -32,6 +32,7 @@ pub mod init;
 mod listing;
 pub mod manual;
 pub mod measure;
+mod measure_files;
 #[cfg(feature = "parquet")]
 pub mod parquet;
 pub mod plan;

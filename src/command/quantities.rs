@@ -1,5 +1,6 @@
 //! Parses lengths, sections and forces: `14 m`, `d40`, `40x60 mm`, `2 in`, `20..200 kN`.
 
+use crate::config::written;
 use std::f64::consts::PI;
 
 /// Least size without a unit that is taken in millimetres; no section is that many metres.
@@ -8,8 +9,19 @@ const LEAST_BARE_MM: f64 = 1.0;
 const MOST_BARE_M: f64 = 0.5;
 /// Largest section accepted \[m\].
 const LARGEST_M: f64 = 0.5;
-/// Longest rod accepted for a length without a unit \[m\].
+/// Shortest rod accepted \[m\].
+const SHORTEST_M: f64 = 0.2;
+/// Largest ratio of two sizes that one unit serves; the flattest common bar is 100 x 5 mm.
+const FLATTEST: f64 = 25.0;
+/// The same where the second size is bare behind a unit that is not millimetres.
+const FLAT: f64 = 5.0;
+/// Longest length without a unit that is taken in metres \[m\].
 const LONGEST_BARE_M: f64 = 100.0;
+
+/// The 97.5 % quantile of the standard normal distribution.
+const QUANTILE: f64 = 1.96;
+/// Limits of `log_sd` in a configuration.
+const LOG_SD: (f64, f64) = (1e-3, 3.0);
 
 /// A cross-section with its dimensions \[m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -83,6 +95,11 @@ impl Profile {
 }
 
 impl Expected {
+    /// Standard deviation of the logarithm of a force that lies between these with 95 % probability.
+    pub fn log_sd(low: f64, high: f64) -> f64 {
+        (high / low).ln() / (2.0 * QUANTILE)
+    }
+
     /// In words, with its units.
     pub fn said(self) -> String {
         let kn = |newtons: f64| number_said(1e-3 * newtons);
@@ -109,8 +126,7 @@ fn number_said(value: f64) -> String {
     rounded.to_string()
 }
 
-/// Splits a number and the text after it; the fault if there is no number. A comma is a decimal comma, unless
-/// it may separate thousands.
+/// Splits a number and the text after it; the fault if there is no number.
 fn number(text: &str) -> Result<(f64, &str), String> {
     let end = text
         .char_indices()
@@ -125,18 +141,13 @@ fn number(text: &str) -> Result<(f64, &str), String> {
         })
         .map_or(text.len(), |(i, _)| i);
     let (digits, rest) = text.split_at(end);
-    if let Some((whole, behind)) = digits.split_once(',')
-        && behind.len() == 3
-        && !whole.trim_start_matches('0').is_empty()
-    {
-        return Err(format!(
-            "{digits} may be {whole}{behind} or {whole}.{behind}: write it without the comma"
-        ));
-    }
-    let value: f64 = digits
-        .replace(',', ".")
-        .parse()
-        .map_err(|_| format!("{:?} does not begin with a number", text.trim()))?;
+    let digits = digits.trim_end_matches(',');
+    let value = match digits.contains(',') {
+        true => written::decimal(digits)?,
+        false => digits
+            .parse()
+            .map_err(|_| format!("{:?} does not begin with a number", text.trim()))?,
+    };
     match value.is_finite() && value > 0.0 {
         true => Ok((value, rest.trim())),
         false => Err("a number above 0 is expected".to_owned()),
@@ -175,10 +186,25 @@ pub fn length(text: &str) -> Result<f64, String> {
         }
         None => value,
     };
-    match (0.01..=2000.0).contains(&length_m) {
+    match (SHORTEST_M..=2000.0).contains(&length_m) {
         true => Ok(length_m),
+        false if has_three_decimals(&text) => Err(thousands(&text, unit)),
         false => Err(format!("{} is no length of a rod", metres(length_m))),
     }
+}
+
+/// True for a number with exactly three digits behind its point, which may separate thousands.
+fn has_three_decimals(text: &str) -> bool {
+    let fraction = text.split_once('.').map(|(_, behind)| behind);
+    fraction.is_some_and(|behind| behind.bytes().take_while(u8::is_ascii_digit).count() == 3)
+}
+
+fn thousands(text: &str, unit: &str) -> String {
+    let digits = text.trim_end_matches(unit).trim();
+    format!(
+        "{digits} {unit} may be {} or {digits}: write it without the point",
+        digits.replace('.', "")
+    )
 }
 
 /// Size of a section \[m\], if its unit is given or only one unit is plausible.
@@ -227,14 +253,31 @@ const SHAPES: [(&str, Shape); 14] = [
 pub fn section(text: &str) -> Result<Section, String> {
     let text = text.trim().to_lowercase();
     if let Some((width, height)) = text.split_once(['x', '\u{d7}', '*']) {
-        let (width, width_unit) = number(width.trim())?;
-        let (height, unit) = number(height.trim())?;
-        // One unit at the end serves both; two bare sizes must be of one.
-        if width_unit.is_empty() && unit.is_empty() && (width < LEAST_BARE_MM) != (height < LEAST_BARE_MM) {
+        let (first, first_unit) = number(width.trim())?;
+        let (second, second_unit) = number(height.trim())?;
+        // Two bare sizes must be of one unit.
+        let is_bare = first_unit.is_empty() && second_unit.is_empty();
+        if is_bare && (first < LEAST_BARE_MM) != (second < LEAST_BARE_MM) {
             return Err(format!("{text} of which unit? {text} mm, or {text} m"));
         }
-        let width_unit = if width_unit.is_empty() { unit } else { width_unit };
-        let (width, height) = (size(width, width_unit)?, size(height, unit)?);
+        // One unit serves both sizes, behind either of them.
+        let shared = if second_unit.is_empty() {
+            first_unit
+        } else {
+            second_unit
+        };
+        let own = |unit| if unit == "" { shared } else { unit };
+        let (width, height) = (size(first, own(first_unit))?, size(second, own(second_unit))?);
+        // A bare size in millimetres behind another unit, `2 cm x 30`, or in metres: `0.04 x 60 mm`.
+        let flattest = match (first_unit, second_unit) {
+            ("cm" | "in" | "m", "") => FLAT,
+            _ => FLATTEST,
+        };
+        let is_shared = !is_bare && (first_unit.is_empty() || second_unit.is_empty());
+        if is_shared && width.max(height) > flattest * width.min(height) {
+            let bare = if first_unit.is_empty() { first } else { second };
+            return Err(format!("{bare} of which unit? write one behind both sizes"));
+        }
         return Ok(Section::Known(match width == height {
             true => Profile::Square(width),
             false => Profile::Rectangle(width, height),
@@ -265,6 +308,11 @@ pub fn force(text: &str) -> Result<Expected, String> {
         .replace('\u{2013}', " to ");
     let ends = text.split_once("to").or_else(|| text.split_once('-'));
     let newtons = |value: f64, unit: &str| match unit {
+        // Nobody says thousandths of a newton.
+        "n" if has_three_decimals(&text) => Err(format!(
+            "{text} may be {} or {text}: write it without the point",
+            text.replace('.', "")
+        )),
         "n" => Ok(value),
         "kn" => Ok(value * 1e3),
         "mn" => Ok(value * 1e6),
@@ -279,9 +327,29 @@ pub fn force(text: &str) -> Result<Expected, String> {
     let (high, unit) = number(high.trim())?;
     let low_unit = if low_unit.is_empty() { unit } else { low_unit };
     let (low, high) = (newtons(low, low_unit)?, newtons(high, unit)?);
-    match low < high {
+    if low >= high {
+        return Err("the smaller force comes first".to_owned());
+    }
+    let log_sd = Expected::log_sd(low, high);
+    match (LOG_SD.0..=LOG_SD.1).contains(&log_sd) {
         true => Ok(Expected::Between(low, high)),
-        false => Err("the smaller force comes first".to_owned()),
+        false => Err(format!(
+            "the ends of a range may differ by factors of {:.3} to {:.0}; where nothing is known, say no force",
+            (LOG_SD.0 * 2.0 * QUANTILE).exp(),
+            (LOG_SD.1 * 2.0 * QUANTILE).exp()
+        )),
+    }
+}
+
+/// Parses a force in newtons, without a unit.
+///
+/// # Errors
+/// The reason why it is none.
+pub fn newtons(text: &str) -> Result<f64, String> {
+    let force_n = written::positive(text)?;
+    match has_three_decimals(text) {
+        true => Err(thousands(text.trim(), "N")),
+        false => Ok(force_n),
     }
 }
 
@@ -313,7 +381,10 @@ mod tests {
             ("1 mm", "is no length"),
             ("1e400", "above 0"),
             ("1,250", "1250 or 1.250"),
-            ("1.250,5", "does not begin"),
+            ("1.250,5", "a point and a comma"),
+            ("14.500mm", "14.500 mm may be 14500 or 14.500"),
+            ("14.500 cm", "14.500 cm may be 14500 or 14.500"),
+            ("0.19", "is no length"),
         ] {
             let said = length(text).unwrap_err();
             assert!(said.contains(reason), "{text}: {said}");
@@ -335,6 +406,12 @@ mod tests {
             ("40x40 mm", known(Profile::Square(0.04))),
             ("40x60 mm", known(Profile::Rectangle(0.04, 0.06))),
             ("40 mm x 6 cm", known(Profile::Rectangle(0.04, 0.06))),
+            ("2 cm x 3", known(Profile::Rectangle(0.02, 0.03))),
+            ("2 x 3 cm", known(Profile::Rectangle(0.02, 0.03))),
+            ("1 in x 2", known(Profile::Rectangle(0.0254, 0.0508))),
+            ("0.02 m x 0.03", known(Profile::Rectangle(0.02, 0.03))),
+            ("40 mm x 60", known(Profile::Rectangle(0.04, 0.06))),
+            ("0.5 mm x 4 cm", known(Profile::Rectangle(0.0005, 0.04))),
             ("0.06x0.02", known(Profile::Rectangle(0.06, 0.02))),
             ("60 \u{d7} 20", known(Profile::Rectangle(0.06, 0.02))),
             ("40 mm", Ok(Section::Size(0.04))),
@@ -349,6 +426,9 @@ mod tests {
         for (text, reason) in [
             ("0.9", "0.9 mm, or 0.9 m"),
             ("0.5x60", "of which unit"),
+            ("0.04 x 60 mm", "0.04 of which unit"),
+            ("60 mm x 0.04", "0.04 of which unit"),
+            ("2 cm x 30", "30 of which unit"),
             ("d", "number"),
             ("40 kg", "is no unit"),
             ("2 m", "is no size"),
@@ -371,6 +451,10 @@ mod tests {
             ("150", "150 kN, or 150 N"),
             ("200..20 kN", "smaller"),
             ("5 t", "no unit of force"),
+            ("150,000 N", "150000 or 150.000"),
+            ("150.000 N", "150000 n or 150.000 n"),
+            ("1N..1000MN", "factors of 1.004 to 128"),
+            ("100..100.3 kN", "factors of 1.004 to 128"),
             ("-5 kN", "number"),
             ("", "number"),
         ] {

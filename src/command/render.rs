@@ -242,7 +242,7 @@ fn doubt(conflict: &Conflict) -> Option<String> {
     if conflict.score >= CONFLICT_SHOWN {
         Some(format!("! conflict {:.1}", conflict.score))
     } else if conflict.prior_tail <= PRIOR_TAIL_SHOWN {
-        Some("? hardly in the prior".to_owned())
+        Some("! hardly in the prior".to_owned())
     } else {
         None
     }

@@ -11,7 +11,7 @@ use super::report;
 use super::setup::{self, GivenUp, Prepared, Setup};
 use super::sketch::{self, When};
 use super::status;
-use super::which_store::Output;
+use super::which_store::{Format, Output};
 use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::RodId;
@@ -52,7 +52,7 @@ temperature; '~' marks one that is not compensated for temperature; '-' stands
 while the baseline is learned. The state is empty for a rod that is monitored
 and shows no alarm. `! conflict` says by how many standard deviations the
 frequencies lie outside everything the model can produce: the force may be wrong
-by more than it says. `? hardly in the prior`: check length, section, material
+by more than it says. `! hardly in the prior`: check length, section, material
 and expected force. Behind the state, `decay`, `decays` and `blow` say what
 motion was recognised (nothing: ambient vibration), `? orders 0.93` that the
 orders of the modes are not certain: `tirante identify` shows what else the
@@ -202,7 +202,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if has_seen_all {
         // Of a store without any record there is nothing to tell.
         if site.store().last_record()? > 0 {
-            let standing = status::text(site.store())?;
+            let standing = status::text(site.store(), None, Format::Table, None)?;
             tell!("{}", standing.trim_end());
         }
         if let Some(width) = args.plot.width().filter(|_| !args.output.is_json()) {

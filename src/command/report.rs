@@ -318,7 +318,6 @@ fn point(row: RecordRow) -> Option<RecordPoint> {
             .iter()
             .map(|mode| (mode.order, mode.frequency_hz, mode.sd_hz))
             .collect(),
-        conflict: row.conflict,
         doubts: Doubt::all(row.conflict, row.prior_tail, row.label_probability),
         set_aside: row.set_aside.map(|aside| aside.code().to_owned()),
     })

@@ -3,10 +3,14 @@
 use super::BadArguments;
 use super::quantities::{self, Expected, Profile, Section, metres, millimetres};
 use super::questions::Questions;
+use crate::config::written::positive;
 use std::io::BufRead;
 
 /// Largest section of a wire \[m^2\]: 8 mm in diameter.
 const WIRE_M2: f64 = 5e-5;
+
+/// Least length over thickness of anything that vibrates like a slender beam; a tie-rod has 50 to 500.
+const LEAST_SLENDERNESS: f64 = 5.0;
 
 /// Facts of a rod from flags.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -38,7 +42,7 @@ pub struct RodFlags {
     #[arg(long, value_name = "FORCE", value_parser = quantities::force, conflicts_with = "force_n")]
     pub force: Option<Expected>,
     /// Expected force in newtons, give or take 30 %.
-    #[arg(long, value_name = "N", value_parser = positive)]
+    #[arg(long, value_name = "N", value_parser = quantities::newtons)]
     pub force_n: Option<f64>,
 }
 
@@ -156,6 +160,18 @@ impl Rod {
                 profile
             }
         };
+        let thickness_m = profile
+            .dimensions()
+            .iter()
+            .fold(0.0, |most: f64, (_, size)| most.max(*size));
+        if length_m < LEAST_SLENDERNESS * thickness_m {
+            return Err(BadArguments(format!(
+                "{} long and {} thick is no tie-rod: check --length and --section, and their units",
+                metres(length_m),
+                millimetres(thickness_m)
+            ))
+            .into());
+        }
         let material = match flags.material {
             Some(material) => material,
             None => questions.ask("material (iron, steel)", "--material", Material::read)?,
@@ -222,17 +238,6 @@ fn shape<R: BufRead>(size_m: f64, questions: &mut Questions<R>) -> anyhow::Resul
     )
 }
 
-/// Parses a positive number with decimal comma or point.
-///
-/// # Errors
-/// It is none.
-pub fn positive(text: &str) -> Result<f64, String> {
-    let number: Option<f64> = text.replace(',', ".").parse().ok();
-    number
-        .filter(|number| number.is_finite() && *number > 0.0)
-        .ok_or_else(|| "a positive number is expected".to_owned())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -293,6 +298,8 @@ mod tests {
         };
         assert!(missing(&[]).starts_with("--length, --section and --material are needed"));
         assert!(missing(&["--length", "3", "--section", "d40"]).starts_with("--material is needed"));
+        let thick = ["--length", "14.500 mm", "--section", "d45", "--material", "iron"];
+        assert!(missing(&thick).starts_with("0.0145 m long and 45 mm thick is no tie-rod"));
         // Half a section is none.
         let said = missing(&["--length", "3", "--section", "40 mm", "--material", "iron"]);
         assert!(said.contains("--section 'd 40 mm'"), "{said}");
@@ -308,6 +315,14 @@ mod tests {
                 Typed::try_parse_from(["x"].iter().chain(&words)).is_err(),
                 "{words:?}"
             );
+        }
+        for (flag, text) in [
+            ("--force-n", "150,000"),
+            ("--force-n", "150.000"),
+            ("--side-m", "0.07,1"),
+            ("--width-m", "1,200"),
+        ] {
+            assert!(Typed::try_parse_from(["x", flag, text]).is_err(), "{flag} {text}");
         }
         let rod = asked(
             &["--length-m", "9.5", "--width-m", "0.06", "--height-m", "0.02"],

@@ -12,6 +12,7 @@ use crate::command::report_page;
 use crate::command::report_page::view::SpectrumReport;
 use crate::command::which_store::Output;
 use crate::config::Config;
+use crate::config::written::positive;
 use crate::recording::atomic::AtomicFile;
 use crate::recording::{import, read};
 use crate::site::ordered_map::{Limits, map_in_order};
@@ -131,13 +132,6 @@ impl FromStr for Band {
             _ => Ok(band),
         }
     }
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok();
-    number
-        .filter(|number: &f64| number.is_finite() && *number > 0.0)
-        .ok_or_else(|| "a positive number is expected".to_owned())
 }
 
 /// Runs the command.
@@ -314,8 +308,9 @@ impl<'a> Shown<'a> {
             line(
                 "  ",
                 &format!(
-                    "record of {:.1} s at {fs_hz:.2} Hz, from {start}",
-                    look.duration_s
+                    "record of {:.1} s at {fs_hz:.2} Hz, {}",
+                    look.duration_s,
+                    findings::began(start)
                 ),
             );
         }
@@ -325,11 +320,15 @@ impl<'a> Shown<'a> {
         for flag in &look.flags {
             line("  noticed: ", &flag.to_string());
         }
-        if let Some(reason) = &look.rejection {
-            line("  ", &format!("refused ({}): {reason}", reason.code()));
+        if let Some((rejection, reason)) = look.rejection.as_ref().zip(look.reason()) {
+            line("  ", &format!("refused ({}): {reason}", rejection.code()));
         }
-        if let Some(force) = &look.force {
+        if let Some(force) = look.force() {
             line("  ", &format!("axial force {force}"));
+        }
+        for doubt in look.conflict().into_iter().flat_map(findings::doubts) {
+            let words = doubt.trim_start();
+            line(&doubt[..doubt.len() - words.len()], words);
         }
         if let Some(probability) = look.label_probability() {
             line(

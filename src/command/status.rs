@@ -24,10 +24,10 @@ use std::process::ExitCode;
 Force and change (since the rod's baseline) are given at the reference
 temperature. A '~' says that they are not: they are those of the latest record
 at its own temperature, uncompensated. Before there is a baseline the force is
-that of the latest record alone; '!' and '?' say that it may be wrong. The exit
-code says whether the store could be read, not whether an alarm stands or the
-site is measured: read `alarms`, `is_stale` and `monitoring` of --format json
-for that.")]
+that of the latest record alone. '!' and '?' say that the force may be wrong, by
+the latest record that counts; a baseline does not mend that. The exit code says
+whether the store could be read, not whether an alarm stands or the site is
+measured: read `alarms`, `is_stale` and `monitoring` of --format json for that.")]
 pub struct Args {
     /// Store to read.
     #[command(flatten)]
@@ -51,13 +51,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let rod = check_rod(&reader, args.rod.as_deref())?;
     let now = clock::now();
     let monitoring = Monitoring::of(&reader, store::is_held(reader.path()), now)?;
-    let rows = rows(&reader, rod.as_ref())?;
-    let text = match args.format {
-        _ if rows.is_empty() => String::new(),
-        Format::Json => json(&rows, monitoring.as_ref(), now)?,
-        Format::Csv => spreadsheet(&rows, monitoring.as_ref(), now),
-        Format::Table => table(&rows, now),
-    };
+    let text = text(&reader, rod.as_ref(), args.format, monitoring.as_ref())?;
     for sentence in monitoring.iter().flat_map(Monitoring::sentences) {
         tell!("{}", escaped(&sentence));
     }
@@ -67,16 +61,22 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     super::print(text.as_bytes())
 }
 
-/// Table of the status of a store's rods; empty if it has no rod yet.
+/// Status of a store's rods, or of one; empty if it has none yet.
 ///
 /// # Errors
 /// The store cannot be read.
-pub fn text(reader: &Reader) -> anyhow::Result<String> {
-    let rows = rows(reader, None)?;
-    Ok(if rows.is_empty() {
-        String::new()
-    } else {
-        table(&rows, clock::now())
+pub fn text(
+    reader: &Reader,
+    rod: Option<&RodId>,
+    format: Format,
+    monitoring: Option<&Monitoring>,
+) -> anyhow::Result<String> {
+    let (rows, now) = (rows(reader, rod)?, clock::now());
+    Ok(match format {
+        _ if rows.is_empty() => String::new(),
+        Format::Json => json(&rows, monitoring, now)?,
+        Format::Csv => spreadsheet(&rows, monitoring, now),
+        Format::Table => table(&rows, now),
     })
 }
 
@@ -130,21 +130,21 @@ fn table(rows: &[RodStatus], now: Timestamp) -> String {
     for row in rows {
         let change_mark = if row.compensated { "" } else { "~" };
         let dash = || "-".to_owned();
-        // Before there is a baseline, the record's own force, with its marks.
+        // Before there is a baseline, the record's own force.
         let own = row.axial_force_n.as_ref().filter(|_| row.force_n.is_none());
-        let force_mark = if own.is_some() {
-            Doubt::mark(&row.doubts)
-        } else {
-            change_mark
-        };
         let force = row.force_n.as_ref().or(own);
+        let doubts = if force.is_some() { &row.doubts[..] } else { &[] };
+        let tilde = if own.is_some() { "" } else { change_mark };
         table.push(vec![
             row.rod.0.clone(),
             row.state.to_owned(),
             force.map_or_else(dash, |n| {
                 let [mean, low, high] = [n.mean, n.q025, n.q975].map(|n| n * 1e-3);
                 let digits = decimals(mean);
-                format!("{force_mark}{mean:.digits$} ({low:.digits$} to {high:.digits$})")
+                format!(
+                    "{}{tilde}{mean:.digits$} ({low:.digits$} to {high:.digits$})",
+                    Doubt::mark(doubts)
+                )
             }),
             row.relative_force.as_ref().map_or_else(dash, |r| {
                 let [mean, low, high] = [r.mean, r.q025, r.q975].map(signed_percent);
@@ -157,9 +157,9 @@ fn table(rows: &[RodStatus], now: Timestamp) -> String {
         }
         if own.is_some() {
             table.note("the force is that of the latest record alone".to_owned());
-            row.doubts
-                .iter()
-                .for_each(|doubt| table.note(doubt.said().to_owned()));
+        }
+        for doubt in doubts {
+            table.note(doubt.said().to_owned());
         }
         if let Some(why) = row.why() {
             table.note(why);

@@ -13,11 +13,6 @@ use std::path::Path;
 const SLACK_PA: f64 = 1e6;
 /// Least force assumed of a rod of any section \[N\].
 const SLACK_N: f64 = 1e3;
-/// The 97.5 % quantile of the standard normal distribution.
-const QUANTILE: f64 = 1.96;
-/// Limits of `log_sd` in a configuration.
-const LEAST_LOG_SD: f64 = 1e-3;
-const MOST_LOG_SD: f64 = 3.0;
 
 /// Names and facts of one rod.
 pub struct Template<'a> {
@@ -59,7 +54,7 @@ impl Template<'_> {
             Some(Expected::Between(low, high)) => format!(
                 "{{ median = {:.4e}, log_sd = {:.4} }}   # {}",
                 (low * high).sqrt(),
-                ((high / low).ln() / (2.0 * QUANTILE)).clamp(LEAST_LOG_SD, MOST_LOG_SD),
+                Expected::log_sd(low, high),
                 Expected::Between(low, high).said()
             ),
             None => {

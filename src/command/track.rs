@@ -4,7 +4,7 @@ use super::progress::Progress;
 use super::render::Table;
 use super::setup::{self, GivenUp, Prepared, Setup};
 use super::status;
-use super::which_store::Output;
+use super::which_store::{Format, Output};
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::outcome::{Outcome, TableRow};
 use crate::analysis::signal::record::{Reading, RodId};
@@ -158,7 +158,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     output.flush()?;
     drop(bar);
     tally.tell();
-    tell!("{}", status::text(site.store())?.trim_end());
+    tell!(
+        "{}",
+        status::text(site.store(), None, Format::Table, None)?.trim_end()
+    );
     Ok(if tally.rejected > 0 {
         ExitCode::from(WITH_LOSSES)
     } else {

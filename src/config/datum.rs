@@ -7,11 +7,12 @@
 //!           20kg@0.3L=0.953+-0.1%          ratio of mode 1 with it and without; mode2:20kg@0.3L=... of another mode
 //! strain    mode1:0.1L/0.4L=0.0123+-2%     strain amplitude at a place over displacement amplitude at another [1/m]
 //! shape     mode2:0.1L/0.4L=-0.62+-2%      modal displacements at two places, with their sign
-//! measured  side=70.1,70.4,69.9mm+-0.2mm   readings of one of the rod's quantities
+//! measured  side=70.1,70.4,69.9mm+-0.2mm   readings of one of the rod's quantities; 70,1; 70,4mm with decimal commas
 //! ```
 //!
 //! A place is a share of the length (`0.3L`) or a length from the left support (`4.2m`).
 
+use super::written;
 use crate::analysis::inference::joint::Datum;
 use crate::analysis::rod::beam::Quantity;
 use crate::analysis::rod::beam::receptance::{PointLoad, PointMass};
@@ -19,6 +20,9 @@ use crate::analysis::rod::query::Query;
 
 /// Relative standard error of a value given without one.
 pub const ASSUMED_ERROR: f64 = 0.03;
+
+/// Largest over smallest reading of one size, density or modulus.
+const MOST_APART: f64 = 1.5;
 
 /// Kind of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -217,7 +221,7 @@ fn measured(text: &str) -> Result<Datum, String> {
     };
     let (values, error) = parted(found);
     let unit_of = |text: &str| -> Result<String, String> { Ok(number(text)?.1.to_owned()) };
-    let parts: Vec<&str> = values.split(',').collect();
+    let parts = written::list(values)?;
     // One unit at the end serves all.
     let unit = unit_of(parts.last().copied().unwrap_or_default())?;
     let read = |text: &str| -> Result<f64, String> {
@@ -229,6 +233,17 @@ fn measured(text: &str) -> Result<Datum, String> {
         .into_iter()
         .map(read)
         .collect::<Result<Vec<f64>, String>>()?;
+    let is_support = matches!(quantity, Quantity::SpringLeft | Quantity::SpringRight);
+    let (least, most) = values
+        .iter()
+        .fold((f64::INFINITY, 0.0_f64), |(least, most), value| {
+            (least.min(*value), most.max(*value))
+        });
+    if !is_support && most > MOST_APART * least {
+        return Err(format!(
+            "{least} and {most} in SI units are no readings of one thing: write ';' between readings, and a point as decimal sign"
+        ));
+    }
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     let sd = match error {
         Some(_) => spread(error, mean, read)?,
@@ -377,6 +392,9 @@ fn number(text: &str) -> Result<(f64, &'static str), String> {
         let after = text[i + c.len_utf8()..].chars().next();
         match c {
             '0'..='9' | '.' => true,
+            ',' => before
+                .zip(after)
+                .is_some_and(|(b, a)| b.is_ascii_digit() && a.is_ascii_digit()),
             '+' | '-' => before.is_none_or(|b| b == 'e'),
             'e' => {
                 before.is_some_and(|b| b.is_ascii_digit() || b == '.')
@@ -390,9 +408,12 @@ fn number(text: &str) -> Result<(f64, &'static str), String> {
         .find(|&(i, c)| !is_part(i, c))
         .map_or(text.len(), |(i, _)| i);
     let (digits, unit) = text.split_at(end);
-    let value: f64 = digits
-        .parse()
-        .map_err(|_| format!("{text:?} does not begin with a number"))?;
+    let value = match digits.contains(',') {
+        true => written::decimal(digits)?,
+        false => digits
+            .parse()
+            .map_err(|_| format!("{text:?} does not begin with a number"))?,
+    };
     let unit = unit.trim();
     match UNITS.iter().find(|known| **known == unit) {
         Some(unit) if value.is_finite() => Ok((value, unit)),
@@ -429,6 +450,16 @@ mod tests {
         assert!(shape.value == -0.62 && (shape.sd - 0.0124).abs() < 1e-12);
         let side = datum(Kind::Measured, "side=70.1,70.4,69.9mm+-0.2mm", 14.0).unwrap();
         assert!((side.value - 0.070_133_333).abs() < 1e-8 && side.sd > 0.2e-3 && side.sd < 0.3e-3);
+        for commas in [
+            "side=70,1; 70,4; 69,9mm+-0,2mm",
+            "side=70,1, 70,4, 69,9 mm +- 0,2 mm",
+        ] {
+            let read = datum(Kind::Measured, commas, 14.0).unwrap();
+            assert_eq!((read.value, read.sd), (side.value, side.sd), "{commas}");
+        }
+        let comma = datum(Kind::Load, "300N@0,5L=1,1mm+-3%", 14.0).unwrap();
+        let point = datum(Kind::Load, "300N@0.5L=1.1mm+-3%", 14.0).unwrap();
+        assert_eq!(comma, point);
         let strain = datum(Kind::Strain, "mode1:0.1L/0.4L=12.3ue/mm+-2%", 14.0).unwrap();
         assert!((strain.value - 0.0123).abs() < 1e-9 && (strain.sd - 0.000_246).abs() < 1e-9);
         assert_eq!(
@@ -460,6 +491,20 @@ mod tests {
             (Kind::Measured, "colour=3mm+-1%", "nothing measured"),
             (Kind::Measured, "density=7.8mm+-1%", "no unit of density_kg_m3"),
             (Kind::Measured, "side=70mm", "wants its error"),
+            (Kind::Measured, "side=70,1mm+-0.2mm", "may be a decimal comma"),
+            (Kind::Measured, "density=7,85g/cm3+-1%", "may be a decimal comma"),
+            (
+                Kind::Measured,
+                "side=70,1,70,4,69mm+-0.2mm",
+                "no readings of one thing",
+            ),
+            (
+                Kind::Measured,
+                "side=7; 70.4mm+-0.2mm",
+                "no readings of one thing",
+            ),
+            (Kind::Measured, "side=70.1mm+-1,200mm", "1200 or 1.200"),
+            (Kind::Load, "1,200N@0.5L=1.1mm", "1200 or 1.200"),
         ] {
             let said = datum(kind, text, 14.0).unwrap_err();
             assert!(

@@ -38,6 +38,7 @@ mod take;
 mod test;
 mod track;
 mod value;
+pub mod written;
 
 pub use effective::KeyReference;
 pub use fault::{ConfigError, Fault};
@@ -303,8 +304,8 @@ impl Config {
     }
 
     /// Hash of everything that determines the meaning of one rod's numbers: the sections its analysis and
-    /// tracking read, and the rod itself. Names, alarms, other rods, and the place of its samples in
-    /// recordings do not change it.
+    /// tracking read, and the rod itself with its declared sample rate and clock. Names, alarms, other rods, and the place of its
+    /// samples in recordings do not change it.
     pub fn meaning_of(&self, rod: &RodId) -> [u8; 32] {
         let mut text = format!("seed = {}\n", self.seed);
         for section in self.sections_of(rod) {
@@ -342,13 +343,19 @@ impl Config {
         for section in &mut sections {
             // Further sensors are read by `identify` alone.
             section.children.retain(|child| child.name() != "rod.sensor");
-            // Of a channel only whether there is one, and what its values are: the topic and the path to them change no number.
-            for channel in section
-                .children
-                .iter_mut()
-                .filter(|child| matches!(child.name(), "rod.channel" | "rod.temperature"))
-            {
-                channel.lines.retain(|line| line.key == "unit");
+            // The topic and the path to the values change no number. All frequencies follow the rate, and so the clock that it is
+            // counted by; of a thermometer these say no more than which readings are near a record.
+            for channel in &mut section.children {
+                let is_rate = |line: &effective::Line| match line.key {
+                    "fs_hz" => true,
+                    "time" => line.value.as_ref() != Some(&line.default),
+                    _ => false,
+                };
+                match channel.name() {
+                    "rod.channel" => channel.lines.retain(|line| line.key == "unit" || is_rate(line)),
+                    "rod.temperature" => channel.lines.retain(|line| line.key == "unit"),
+                    _ => {}
+                }
             }
         }
         sections

@@ -130,12 +130,13 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
         "Its modes, where more is known of them than of the site's others.",
         |table| modes::of_rod(table, &shared.modes),
     );
+    let has_others = table.has("sensor");
     let displacement = table.section(
         "channel",
         "Its displacement, velocity or acceleration.",
         |table| {
             let channel = channel::read(table, "value", &Unit::MOTION, Unit::Metre);
-            (channel, sensor::of_channel(table))
+            (channel, sensor::of_channel(table, has_others))
         },
     );
     let (displacement, (at, at_sd_m, gain_sd)) = displacement;

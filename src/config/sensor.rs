@@ -36,7 +36,16 @@ impl Sensor {
 }
 
 /// Place of the sensor of `[rod.channel]`, wanted where there are others, with its standard error \[m\], and error of the calibration.
-pub(super) fn of_channel(table: &mut Table<'_>) -> (Option<f64>, f64, f64) {
+/// They say nothing of a sensor that is alone.
+pub(super) fn of_channel(table: &mut Table<'_>, has_others: bool) -> (Option<f64>, f64, f64) {
+    for name in ["at", "gain_error", "place_error_m"] {
+        if table.has(name) && !has_others {
+            table.fault_of(
+                name,
+                "has no effect here, only with [[rod.sensor]]; remove it".to_owned(),
+            );
+        }
+    }
     let at = table.maybe_number(
         key(
             "at",

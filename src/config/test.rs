@@ -158,7 +158,7 @@ fn frequencies(
         |list| toml_floats(list),
     );
     let sds = table.take(
-        key(sd_name, sd_meaning).only(given, "frequencies_hz"),
+        key(sd_name, sd_meaning).only(given, name),
         "above 0; a number, or a list as long as the frequencies",
         Absent::Required,
         |value| match value.is_array() {

@@ -9,7 +9,7 @@ use crate::site::store::{Reader, StoreError};
 use std::fmt::Write;
 
 /// True if a rod's segment was measured with settings that have the key `wanted` by the rules of this program: an earlier one of the
-/// same analysis hashed other settings, too.
+/// same analysis hashed other settings.
 ///
 /// # Errors
 /// The store cannot be read.
@@ -17,13 +17,40 @@ pub fn has_same_settings(reader: &Reader, state: &State, wanted: &str) -> Result
     if state.segment.key == wanted {
         return Ok(true);
     }
-    let is_of_this_analysis = version(&state.segment.key) == version(wanted);
-    let learned = state.segment.baseline.as_ref().map(|baseline| baseline.last);
-    let Some(last) = learned.filter(|_| is_of_this_analysis) else {
+    if version(&state.segment.key) != version(wanted) {
         return Ok(false);
-    };
-    let before = config_of(reader, &state.rod, last)?;
-    Ok(before.is_some_and(|before| key(&before, &state.rod) == wanted))
+    }
+    let learned = state.segment.baseline.as_ref().map(|baseline| baseline.last);
+    let learned = learned
+        .map(|last| reader.config_at(&state.rod, last))
+        .transpose()?;
+    Ok(has_key(learned.flatten(), &state.rod, wanted)
+        || is_measured_with(reader, &state.rod, state.segment.number, wanted)?)
+}
+
+/// True if the latest record of a segment was measured with settings of the key `wanted`. This program gives other settings another
+/// segment; an earlier one, which hashed less, may have let them into the same.
+fn is_measured_with(reader: &Reader, rod: &RodId, segment: u32, wanted: &str) -> Result<bool, StoreError> {
+    Ok(has_key(reader.config_in(rod, segment)?, rod, wanted))
+}
+
+fn has_key(config: Option<[String; 3]>, rod: &RodId, wanted: &str) -> bool {
+    let config = config.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
+    config.is_some_and(|config| key(&config, rod) == wanted)
+}
+
+/// Number and stored key of the latest shelved segment of a rod with the settings of the key `wanted`.
+///
+/// # Errors
+/// The store cannot be read.
+pub fn shelved(reader: &Reader, rod: &RodId, wanted: &str) -> Result<Option<(u32, String)>, StoreError> {
+    for (segment, key) in reader.shelved(rod)?.into_iter().rev() {
+        let is_of_this_analysis = version(&key) == version(wanted);
+        if key == wanted || is_of_this_analysis && is_measured_with(reader, rod, segment, wanted)? {
+            return Ok(Some((segment, key)));
+        }
+    }
+    Ok(None)
 }
 
 /// Effect on a rod's baseline.
@@ -96,11 +123,10 @@ pub fn prospects(reader: &Reader, config: &Config) -> Result<Vec<Prospect>, Stor
         let segment = &state.segment;
         let learned = segment.baseline.as_ref();
         let wanted = key(config, rod);
-        let shelved = reader.shelved(rod)?;
-        let found = shelved.iter().find(|(_, key)| *key == wanted);
+        let found = shelved(reader, rod, &wanted)?;
         let fate = match (learned, found) {
             _ if has_same_settings(reader, state, &wanted)? => learned.map_or(Fate::None, |_| Fate::Kept),
-            (_, Some((segment, _))) => Fate::FoundAgain(*segment),
+            (_, Some((segment, _))) => Fate::FoundAgain(segment),
             (None, None) => Fate::None,
             (Some(_), None) if version(&segment.key) != version(&wanted) => Fate::Outdated,
             (Some(_), None) => Fate::Lost(changes(reader, config, rod, segment)?),

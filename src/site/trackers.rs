@@ -100,11 +100,18 @@ impl Site {
                     }
                     let number = state.segment.number;
                     let has_changed = state.segment.key != plan.key();
-                    let shelved = if has_changed {
-                        store.off_the_shelf(&rod, plan.key())?
-                    } else {
-                        None
+                    let found = match has_changed {
+                        true => baselines::shelved(&store, &rod, plan.key())?,
+                        false => None,
                     };
+                    let shelved = match found {
+                        Some((_, key)) => store.off_the_shelf(&rod, &key)?,
+                        None => None,
+                    };
+                    let shelved = shelved.map(|mut shelved: State| {
+                        plan.key().clone_into(&mut shelved.segment.key);
+                        shelved
+                    });
                     if has_changed && state.segment.baseline.is_some() {
                         store.shelve(&state)?;
                     }

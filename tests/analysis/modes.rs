@@ -459,6 +459,27 @@ fn damaged_and_hopeless_records_are_refused_by_name() {
         with(record.samples.clone(), 8.0),
         Err(Rejection::Undersampled { .. })
     ));
+    // Noise, sampled below the band of the prior: the band told is the one that was searched.
+    let mut state = 1_u64;
+    let noise: Vec<f64> = (0..6000)
+        .map(|_| {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as f64 / f64::from(u32::MAX)
+        })
+        .collect();
+    for fs_hz in [FS, 30.0] {
+        match with(noise.clone(), fs_hz) {
+            Err(Rejection::NoPeak { low_hz, high_hz }) => {
+                assert!(
+                    low_hz < high_hz && high_hz <= 0.5 * fs_hz,
+                    "{low_hz} {high_hz} at {fs_hz}"
+                );
+            }
+            other => panic!("{fs_hz} Hz: {:?}", other.err()),
+        }
+    }
     let huge: Vec<f64> = record.samples.iter().map(|x| x * 1e300).collect();
     assert!(with(huge, FS).is_err());
     record.samples[17] = f64::NAN;
@@ -1030,5 +1051,246 @@ fn a_tone_is_told_from_a_decay() {
         assert!(lines >= sure, "breathing {breathing}: {lines} of 20 are lines");
         // Of breathing tones 5 to 8 % pass for modes.
         assert!(doubted >= 10, "breathing {breathing}: {doubted} of 20 doubted");
+    }
+}
+
+/// A series weighted for the weaker mode pushed the stronger one away by a fifth of its width.
+#[test]
+fn a_weak_neighbour_does_not_push_the_stronger_mode_away() {
+    let (damping, truth) = (0.01, 9.0);
+    let gamma = damping * truth;
+    for side in [-1.0, 1.0] {
+        let mode = |frequency_hz: f64, snr_db: f64| SimulatedMode {
+            frequency_hz,
+            damping,
+            ambient: ambient_sd(frequency_hz, damping, snr_db, 1.0, FS),
+            pull: 0.0,
+        };
+        let modes = [mode(truth, 45.0), mode(truth + side * 7.0 * gamma, 30.0)];
+        let plan = plan();
+        let offsets: Vec<f64> = (0..32)
+            .into_par_iter()
+            .filter_map(|seed| {
+                let record = simulate(300 + seed, FS, 200.0, &modes, 1.0, Excitation::Ambient);
+                let found = plan.search().evidence(&record, 2.0, 25.0).unwrap().resonances;
+                let near = |hz: f64| {
+                    let off = |r: &&Resonance| (r.frequency_hz - hz).abs();
+                    found.iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap()
+                };
+                let (strong, weak) = (near(truth), near(truth + side * 7.0 * gamma));
+                if strong.frequency_hz == weak.frequency_hz {
+                    return None;
+                }
+                assert!(
+                    weak.peak_to_noise < 0.3 * strong.peak_to_noise,
+                    "{weak:?} {strong:?}"
+                );
+                Some((strong.frequency_hz - truth) / gamma)
+            })
+            .collect();
+        assert!(offsets.len() >= 24, "{} told apart", offsets.len());
+        let mean = offsets.iter().sum::<f64>() / offsets.len() as f64;
+        println!("side {side}: {mean:.3} half-widths of {}", offsets.len());
+        // One record scatters by 0.1 half-widths, the mean of 24 by 0.02.
+        assert!(mean.abs() < 0.07, "side {side}: {mean} half-widths");
+    }
+}
+
+/// A pull near the end of a record leaves fewer periods than a part usually needs; across the release neither model fits.
+#[test]
+fn a_short_decay_after_a_pull_is_fitted_by_itself() {
+    let mut scene = scene(0.005, 20.0, 40.0);
+    scene.pulls = vec![pull(13.5, 300.0, 3.0)];
+    for seed in 0..8 {
+        let found = plan().search().evidence(&scene.record(seed), 2.0, 25.0).unwrap();
+        assert_eq!(found.motion.kind, MotionKind::FreeDecay);
+        assert!(
+            (found.motion.onsets_s[0] - 13.5).abs() < 0.1,
+            "{:?}",
+            found.motion
+        );
+        for truth in TODI {
+            let mut all = found.resonances.iter();
+            let r = all.find(|r| (r.frequency_hz / truth - 1.0).abs() < 0.01).unwrap();
+            // A fit across the pull states 3e-3 to 8e-3.
+            assert!(r.frequency_sd_hz < 1e-3 * truth, "{r:?}");
+            assert!(
+                (r.frequency_hz - truth).abs() < 4.0 * r.frequency_sd_hz,
+                "{truth}: {r:?}"
+            );
+        }
+    }
+}
+
+/// A hum goes on from the first sample to the last, which a free start explains as well as a decay.
+#[test]
+fn ambient_motion_beside_a_hum_is_ambient() {
+    for (frequency_hz, amplitude) in [(21.7, 40.0), (16.67, 100.0)] {
+        let mut scene = scene(0.003, 60.0, 40.0);
+        scene.hums = vec![Hum {
+            frequency_hz,
+            amplitude,
+            breathing: 0.0,
+        }];
+        for seed in 0..12 {
+            let motion = plan()
+                .search()
+                .evidence(&scene.record(seed), 2.0, 25.0)
+                .unwrap()
+                .motion;
+            assert_eq!(motion.kind, MotionKind::Ambient, "{frequency_hz} Hz, {seed}");
+        }
+    }
+}
+
+/// Half a period in which two modes cancel is no quiet before a release.
+#[test]
+fn ambient_records_hardly_ever_begin_with_a_release() {
+    let mut scene = scene(0.05, 20.0, 60.0);
+    scene.modes.truncate(2);
+    let plan = plan();
+    let decays = (0..400u64)
+        .into_par_iter()
+        .filter(|&seed| {
+            let motion = plan
+                .search()
+                .evidence(&scene.record(seed), 2.0, 25.0)
+                .unwrap()
+                .motion;
+            motion.onsets_s.iter().any(|&at| at > 0.0 && at < 0.5)
+        })
+        .count();
+    assert_eq!(decays, 0);
+}
+
+/// Three decays of one mode at frequencies that differ by a hundred times their errors: the error told is their scatter.
+#[test]
+fn decays_that_disagree_widen_the_error() {
+    let shifts = [-5e-4, 0.0, 5e-4];
+    let decay = |seed: u64, shift: f64| {
+        let clean = softened_decay(seed, 0.0, 60.0);
+        // Stretching time moves every frequency.
+        let at = |t: f64| {
+            let (i, part) = ((t as usize).min(clean.samples.len() - 2), t.fract());
+            clean.samples[i] * (1.0 - part) + clean.samples[i + 1] * part
+        };
+        (0..5900)
+            .map(|i| at(f64::from(i) * (1.0 + shift)))
+            .collect::<Vec<f64>>()
+    };
+    for seed in 0..4 {
+        let mut record = softened_decay(seed, 0.0, 60.0);
+        record.samples = (0..3)
+            .flat_map(|n| decay(10 * seed + n as u64, shifts[n]))
+            .collect();
+        let found = plan().search().evidence(&record, 2.0, 25.0).unwrap();
+        assert_eq!(found.motion.kind, MotionKind::FreeDecays);
+        for truth in TODI {
+            let mut all = found.resonances.iter();
+            let r = all.find(|r| (r.frequency_hz / truth - 1.0).abs() < 0.01).unwrap();
+            // The standard error of the mean of such three is 2.9e-4.
+            assert!(r.frequency_sd_hz > 1e-4 * truth, "{r:?}");
+        }
+    }
+}
+
+/// A hum that is left out does not set the time scale on which releases are looked for.
+#[test]
+fn a_masked_hum_hides_no_release() {
+    let mut scene = scene(0.003, 60.0, 40.0);
+    scene.pulls = vec![pull(20.0, 100.0, 2.0)];
+    scene.hums = vec![Hum {
+        frequency_hz: 23.0,
+        amplitude: 300.0,
+        breathing: 0.0,
+    }];
+    let settings = ModeSettings {
+        masks: vec![Mask {
+            low_hz: 22.5,
+            high_hz: 23.5,
+        }],
+        ..ModeSettings::default()
+    };
+    let labels = LabelPlan::new(&RodPrior::todi(), &[0.0; 3], settings).unwrap();
+    let plan = ModalPlan::new(WelchSettings::default(), PeakSettings::default(), labels);
+    let motion = plan
+        .search()
+        .evidence(&scene.record(3), 2.0, 25.0)
+        .unwrap()
+        .motion;
+    assert_eq!(motion.kind, MotionKind::FreeDecay, "{motion:?}");
+    assert!((motion.onsets_s[0] - 20.0).abs() < 0.2, "{motion:?}");
+}
+
+/// A force known more finely than the labels' grid, or a rod so stocky that no force shows, still has a band of frequencies.
+#[test]
+fn every_prior_has_a_band() {
+    let with = |of: &dyn Fn(usize, Prior) -> Prior| {
+        let todi = RodPrior::todi();
+        let priors: Vec<Prior> = todi.priors().iter().enumerate().map(|(i, p)| of(i, *p)).collect();
+        let prior = RodPrior::new(*todi.parameterisation(), priors).unwrap();
+        LabelPlan::new(&prior, &[0.0; 3], ModeSettings::default())
+            .unwrap()
+            .band_hz()
+    };
+    let length = |metres: f64| {
+        move |i: usize, prior: Prior| match (i, prior) {
+            (6, _) => Prior::Fixed { value: metres },
+            (_, prior) => prior,
+        }
+    };
+    let exact = |i: usize, prior: Prior| match i {
+        0 => Prior::Uniform {
+            low: 800e3,
+            high: 800.000_1e3,
+        },
+        _ => prior,
+    };
+    for (low_hz, high_hz) in [with(&exact), with(&length(0.3)), with(&length(14.0))] {
+        assert!(
+            low_hz > 0.0 && low_hz < high_hz && high_hz.is_finite(),
+            "{low_hz} to {high_hz}"
+        );
+    }
+    // The first mode of 800 kN is at 5.4 Hz.
+    let (low_hz, high_hz) = with(&exact);
+    assert!(low_hz < 5.4 && high_hz > 40.0, "{low_hz} to {high_hz}");
+}
+
+/// A mode assigned by hand is looked for where the hand says, also beyond the frequencies that the prior expects.
+#[test]
+fn windows_beyond_the_priors_band_are_searched() {
+    let window = |order, low_hz, high_hz| ModeWindow {
+        order,
+        low_hz,
+        high_hz,
+    };
+    let settings = ModeSettings {
+        windows: vec![window(1, 0.2, 0.4), window(12, 400.0, 410.0)],
+        ..ModeSettings::default()
+    };
+    let plan = LabelPlan::new(&RodPrior::todi(), &[0.0; 3], settings).unwrap();
+    assert_eq!(plan.band_hz(), (0.2, 410.0));
+}
+
+/// Orders that rivals share are not hidden behind a sample rate below what the stiffest rod of the prior would need.
+#[test]
+fn modes_in_view_are_not_called_undersampled() {
+    let todi = RodPrior::todi();
+    let mut priors = todi.priors().to_vec();
+    priors[0] = Prior::LogUniform { low: 10e3, high: 8e6 };
+    let prior = RodPrior::new(*todi.parameterisation(), priors).unwrap();
+    let labels = LabelPlan::new(&prior, &[0.0; 3], ModeSettings::default()).unwrap();
+    let plan = ModalPlan::new(WelchSettings::default(), PeakSettings::default(), labels);
+    let found = |frequencies: &[f64]| {
+        let resonances: Vec<Resonance> = frequencies.iter().map(|&hz| resonance(hz)).collect();
+        plan.label(&resonances, MotionKind::Ambient, 60.0, 30.0)
+    };
+    // Two peaks that may be modes 1, 2 or 2, 4.
+    let (rejection, labels) = found(&[4.0, 8.1]).unwrap_err();
+    assert_eq!(rejection.code(), "no-label", "{rejection} {labels:?}");
+    // No peak at all, and one alone, may be for want of samples.
+    for few in [&[][..], &[4.0]] {
+        assert_eq!(found(few).unwrap_err().0.code(), "undersampled", "{few:?}");
     }
 }

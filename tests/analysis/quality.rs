@@ -310,6 +310,38 @@ fn spikes_are_replaced_or_refused() {
     }
 }
 
+/// The waves that return in a struck rod are as short as spikes, and the quiet before the blow is most of the second about it.
+#[test]
+fn a_struck_rod_keeps_its_returning_waves() {
+    for (first_hz, stiffness) in [(4.492, 1e-2), (1.5, 1e-3), (1.1, 3e-3), (2.3, 1e-2)] {
+        for blow_s in [0.4, 0.5, 0.6, 0.7, 0.8] {
+            let mut noise = Noise(3);
+            let mut samples = vec![0.0; (20.0 * FS) as usize];
+            for order in 1..60 {
+                let n = f64::from(order);
+                let f = first_hz * n * (1.0 + stiffness * n * n).sqrt();
+                if f > 0.45 * FS {
+                    break;
+                }
+                let omega = std::f64::consts::TAU * f;
+                let shape = (n * 0.31 * std::f64::consts::PI).sin() * (n * 0.12 * std::f64::consts::PI).sin();
+                for (i, sample) in samples.iter_mut().enumerate() {
+                    let t = i as f64 / FS - blow_s;
+                    if t >= 0.0 {
+                        *sample += n * shape * (-0.001 * omega * t).exp() * (omega * t).sin();
+                    }
+                }
+            }
+            for sample in &mut samples {
+                *sample += 1e-3 * noise.normal();
+            }
+            let record = only(run(&samples)).unwrap();
+            assert_eq!(record.flags, [], "{first_hz} Hz struck at {blow_s} s");
+            assert_eq!(record.samples, samples);
+        }
+    }
+}
+
 #[test]
 fn steps_and_changes_of_level_are_refused() {
     for seed in 0..5 {

@@ -360,6 +360,30 @@ fn a_slip_of_a_unit_is_refused_by_name_where_the_prior_knows_better() {
     );
 }
 
+/// Its own error, 3 % of a value a thousand times too large, widened the range that the value was held against.
+#[test]
+fn a_deflection_too_large_by_any_power_of_ten_is_refused() {
+    let prior = RodPrior::todi();
+    for (factor, hint) in [
+        (10.0, "or if the deflection was in mm, not cm"),
+        (100.0, "no rod of the prior has it"),
+        (1e3, "or the deflection in um, not mm"),
+        (1e6, "no rod of the prior has it"),
+        (1e-3, "if the deflection was in m, not mm"),
+    ] {
+        let mut data = measured(&prior, 0.0, &prior.centre(), &kinds()[1].1, 5);
+        let load = data.last_mut().unwrap();
+        load.value *= factor;
+        load.sd = 0.03 * load.value;
+        let error = posterior(&prior, 0.0, data, 1).unwrap_err();
+        assert!(
+            matches!(error, JointError::OutsidePrior { .. }),
+            "{factor}: {error}"
+        );
+        assert!(error.to_string().contains(hint), "{factor}: {error}");
+    }
+}
+
 #[test]
 fn what_the_prior_cannot_see_the_other_data_do() {
     let mut priors = informed().priors().to_vec();

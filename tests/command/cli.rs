@@ -116,7 +116,7 @@ fn bad_arguments_exit_2_with_a_sentence() {
     for (arguments, wanted) in [
         (vec!["replay"], "PATH"),
         (vec!["replay", "--no-such-flag", "x"], "--no-such-flag"),
-        (vec!["identify", "--frequencies", "9,4"], "mode 2"),
+        (vec!["identify", "--frequencies", "9.0,4.0"], "mode 2"),
         (
             vec!["identify", "--frequencies", "4.5", "--rod", "nobody"],
             "nobody",

@@ -381,6 +381,8 @@ fn mcap_has_every_force_every_mode_and_every_alarm() {
             "temperature_c",
             "state",
             "rejection",
+            "conflict",
+            "prior_tail",
         ] {
             assert_eq!(
                 force[key],

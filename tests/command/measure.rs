@@ -187,8 +187,40 @@ fn a_force_in_doubt_bears_its_mark_and_orders_in_doubt_give_none() {
         out.contains("rejected (no-label)") && out.contains("probability"),
         "{out}"
     );
-    // To be corrected and tried again.
+    // To be corrected and tried again, as the refusal advises.
     assert!(at.join("unknown/todi-pull.toml").exists() && at.join("unknown/todi-pull.html").exists());
+    let again: Vec<&str> = flags.iter().copied().chain(["--force", "600 kN"]).collect();
+    let unknown = read(at, "unknown/todi-pull.toml");
+    // Corrected by hand it is nobody's to replace, nor is another's report.
+    fs::write(
+        at.join("unknown/todi-pull.toml"),
+        unknown.replacen("length_m = 14.0", "length_m = 14.1", 1),
+    )
+    .unwrap();
+    let (code, _, err) = measure(at, &recording, &again);
+    assert!(
+        code == Some(2) && err.contains("exists, and is not overwritten"),
+        "{err}"
+    );
+    fs::write(at.join("unknown/todi-pull.toml"), &unknown).unwrap();
+    let (code, out, err) = measure(at, &recording, &again);
+    assert!(code == Some(0) && out.contains("! axial force "), "{err}");
+    assert!(read(at, "unknown/todi-pull.toml").contains("axial_force_n = { mean = 600000.0"));
+    assert!(read(at, "unknown/todi-pull.html").contains("class=\"headline\""));
+    // Now it gave a force.
+    let (code, _, err) = measure(at, &recording, &again);
+    assert!(code == Some(2) && err.contains("tirante identify"), "{err}");
+}
+
+#[test]
+fn another_file_of_the_reports_name_is_not_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    fs::write(at.join("aisle.html"), "precious").unwrap();
+    let (code, _, err) = measure(at, &shipped("aisle.mcap"), &AISLE);
+    assert!(code == Some(2) && err.contains("aisle.html: exists"), "{err}");
+    assert_eq!(read(at, "aisle.html"), "precious");
+    assert!(!at.join("aisle.toml").exists());
 }
 
 /// A section that cannot be right: no force, and the report says why on its first page, with the facts and a line to sign.

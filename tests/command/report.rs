@@ -333,3 +333,61 @@ fn the_current_segment_is_not_always_the_highest() {
     report.segment = Some(1);
     assert_eq!(report.segment().unwrap().number, 1);
 }
+
+#[test]
+fn a_rod_with_one_line_left_of_years_is_not_measured_once() {
+    let mut old = rod("old", 2, 24 * HOUR, 1);
+    old.segments.clear();
+    old.periods.clear();
+    old.baseline = None;
+    for record in &mut old.records {
+        record.ratio = None;
+        record.ratio_at_reference = None;
+        record.tracked_force_n = None;
+        record.force_at_reference_n = None;
+    }
+    old.older_used = 20;
+    let last = old.records.pop().unwrap();
+    let html = checked(&one(old.clone()));
+    assert!(!html.contains("Measured once") && !html.contains("begin with the second record"));
+    assert!(html.contains("those of the older ones were removed") && html.contains("All rods"));
+    // Without a figure of changes there is none above the absolute force.
+    old.records.push(last);
+    let html = checked(&one(old));
+    assert!(html.contains("Absolute force") && !html.contains("judge changes by the figure above"));
+    let html = checked(&one(rod("tracked", 60, 24 * HOUR, 1)));
+    assert!(html.contains("judge changes by the figure above"));
+}
+
+#[test]
+fn every_reason_to_doubt_a_force_is_told_with_its_mark() {
+    use tirante::analysis::findings::Doubt;
+    let mut doubtful = rod("doubtful", 60, 24 * HOUR, 1);
+    let html = checked(&one(doubtful.clone()));
+    for mark in ["! ", "? "] {
+        assert!(
+            !html.contains(&format!("<dd>{mark}"))
+                && !html.contains(&format!("<span class=\"nowrap\">{mark}"))
+        );
+    }
+    for (doubts, mark) in [
+        (vec![Doubt::Conflict], "! "),
+        (vec![Doubt::Prior, Doubt::Orders], "! "),
+        (vec![Doubt::Orders], "? "),
+    ] {
+        doubtful.records.last_mut().unwrap().doubts = doubts.clone();
+        let html = checked(&one(doubtful.clone()));
+        // In the overview and in the rod's part, both forces.
+        for wanted in [
+            format!("<dt>Force as measured</dt><dd>{mark}"),
+            format!("<dt>Force at reference</dt><dd>{mark}"),
+        ] {
+            assert!(html.contains(&wanted), "{wanted}");
+        }
+        assert_eq!(html.matches(&format!("<span class=\"nowrap\">{mark}")).count(), 2);
+        for doubt in doubts {
+            let said = &doubt.said()[1..];
+            assert!(html.contains(said), "{said}");
+        }
+    }
+}

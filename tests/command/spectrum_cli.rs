@@ -444,3 +444,58 @@ fn a_format_without_columns_refuses_time() {
         said(&output)
     );
 }
+
+#[test]
+fn a_force_in_doubt_bears_its_mark_and_its_figures() {
+    let cache = tempfile::tempdir().unwrap();
+    let words = ["spectrum", PULL, "--config", "config/todi.toml"];
+    let output = tirante(&cache, &words);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let table = text(&output.stdout);
+    assert!(
+        table.contains("  axial force ! ") && table.contains("  ! model and data disagree"),
+        "{table}"
+    );
+    let output = tirante(&cache, &[&words[..], &["--json"]].concat());
+    let look = &json(&output)[0];
+    assert!(
+        look["conflict"].as_f64().unwrap() >= 3.0 && look["prior_tail"].is_number(),
+        "{look}"
+    );
+    let page = path(&cache, "page.html");
+    tirante(&cache, &[&words[..], &["--html", page.as_str()]].concat());
+    let page = fs::read_to_string(page).unwrap();
+    assert!(page.contains(">! ") && page.contains("model and data disagree"));
+}
+
+#[test]
+fn a_band_beyond_the_record_says_what_the_record_shows() {
+    let cache = tempfile::tempdir().unwrap();
+    let file = path(&cache, "laser.csv");
+    // 200 Hz, without a time of day.
+    fs::write(&file, table()).unwrap();
+    for band in ["250..300", "0.001..0.1"] {
+        let output = tirante(&cache, &["spectrum", &file, "--band", band]);
+        assert_eq!(output.status.code(), Some(3), "{}", said(&output));
+        let told = text(&output.stdout)
+            .split_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ");
+        assert!(
+            told.contains("refused (no-band)")
+                && told.contains("this record shows 0.")
+                && told.contains("to 96.00 Hz"),
+            "{band}: {told}"
+        );
+        assert!(
+            !told.contains("prior") && !told.contains("min_duration_s"),
+            "{band}: {told}"
+        );
+        assert!(
+            told.contains("its time not said") && !told.contains("1970"),
+            "{told}"
+        );
+    }
+    let output = tirante(&cache, &["spectrum", &file, "--json"]);
+    assert!(json(&output)[0]["start"].is_null(), "{}", said(&output));
+}

@@ -248,7 +248,6 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
                     )
                 })
                 .to_vec(),
-            conflict: Some(0.8),
             doubts: Vec::new(),
             set_aside: None,
         });

@@ -456,6 +456,10 @@ fn a_rods_meaning_changes_with_what_its_numbers_depend_on_and_nothing_else() {
         ("seed = 20250301", "seed = 20250302"),
         ("mean = 800e3, cv = 0.20", "mean = 810e3, cv = 0.20"),
         ("unit = \"m\"", "unit = \"mm\""),
+        // Without stamps, or with few, the declared rate is that of the record.
+        ("fs_hz = 40.0", "fs_hz = 40.5"),
+        ("fs_hz = 40.0", ""),
+        ("unit = \"m\"", "unit = \"m\"\ntime = \"publish\""),
         (
             "[simulation]\n",
             "[track]\nbaseline_records = 31\n\n[simulation]\n",
@@ -465,6 +469,19 @@ fn a_rods_meaning_changes_with_what_its_numbers_depend_on_and_nothing_else() {
         assert!(CAMPAIGN.contains(from), "{from}");
         assert_ne!(same, meaning(&CAMPAIGN.replacen(from, to, 1)), "{to}");
     }
+    // What is said anyway, where samples lie, and which readings of a thermometer are near a record.
+    for (from, to) in [
+        ("unit = \"m\"", "unit = \"m\"\ntime = \"log\""),
+        ("field = \"values\"", "field = \"point.z\""),
+        ("topic = \"/nave-3/displacement\"", "topic = \"/other\""),
+    ] {
+        assert!(CAMPAIGN.contains(from), "{from}");
+        assert_eq!(same, meaning(&CAMPAIGN.replacen(from, to, 1)), "{to}");
+    }
+    let celsius = "unit = \"degC\"";
+    assert!(CAMPAIGN.contains(celsius));
+    let to = format!("{celsius}\nfs_hz = 1.0\ntime = \"publish\"");
+    assert_eq!(same, meaning(&CAMPAIGN.replace(celsius, &to)));
 }
 
 #[test]
@@ -717,4 +734,26 @@ fn the_documentation_lists_every_key_and_no_other() {
             "UPDATE_DOCS=1 cargo test --test config brings the page up to date"
         );
     }
+}
+
+#[test]
+fn a_key_without_effect_names_what_would_give_it_one() {
+    for key in ["at = 0.3", "gain_error = 0.02", "place_error_m = 0.05"] {
+        let channel = "[rod.channel]\n";
+        assert!(CAMPAIGN.contains(channel));
+        let found = messages(&CAMPAIGN.replacen(channel, &format!("{channel}{key}\n"), 1));
+        let (name, _) = key.split_once(' ').unwrap();
+        assert!(
+            found.len() == 1 && found[0].contains(name) && found[0].contains("only with [[rod.sensor]]"),
+            "{key}: {found:?}"
+        );
+    }
+    let test = "[[rod.test]]\nfrequencies_hz = [4.5, 9.3]\nsd_hz = 0.01\nloaded_sd_hz = 0.01\n";
+    let found = messages(&format!("{CAMPAIGN}\n{test}"));
+    assert!(
+        found
+            .iter()
+            .any(|said| said.contains("loaded_sd_hz") && said.contains("only with loaded_frequencies_hz")),
+        "{found:?}"
+    );
 }

@@ -310,3 +310,35 @@ fn coverage_by_supports() {
         }
     }
 }
+
+#[test]
+fn what_was_not_asked_is_told_and_the_next_command_can_be_pasted() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    fs::copy(RECORDING, at.join("Navata nord.mcap")).unwrap();
+    let words = [
+        "init",
+        "Navata nord.mcap",
+        "--length",
+        "14",
+        "--section",
+        "s71.5",
+        "--material",
+        "iron",
+    ];
+    let output = Command::cargo_bin("tirante")
+        .unwrap()
+        .current_dir(at)
+        .env("TIRANTE_CACHE_DIR", at)
+        .args(words)
+        .args(["--out", "nord uno.toml"])
+        .output()
+        .unwrap();
+    let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+    assert_eq!(output.status.code(), Some(0), "{err}");
+    assert!(
+        out.ends_with("  tirante identify 'Navata nord.mcap' --config 'nord uno.toml'\n"),
+        "{out}"
+    );
+    assert!(err.contains("rod-1") && err.contains("A site"), "{err}");
+}

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use crate::server::{Server, TOKEN};
-use crate::site::{Part, campaign};
+use crate::site::{Part, SITE, Site, campaign, doubtful_table};
 use serde_json::{Value as Json, json};
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -530,4 +530,46 @@ fn how_soon_a_commit_is_shown() {
         all[all.len() - 1]
     );
     assert!(all[0] > 0.0);
+}
+
+/// The mark of a doubtful force and its reason, on every page that shows the force: a baseline does not take them away.
+#[test]
+fn a_force_in_doubt_bears_its_mark_on_every_page() {
+    let site = Site::new(SITE);
+    std::fs::write(site.path("table.csv"), doubtful_table()).unwrap();
+    let output = site.run(&[
+        "track",
+        "--config",
+        "site.toml",
+        "table.csv",
+        "--store",
+        "site.db",
+    ]);
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let server = Server::of(&site, "site.db");
+    let Some(browser) = Browser::start(1280, 900, false) else {
+        return;
+    };
+    browser.open(&server, "/");
+    browser.wait(
+        "the overview",
+        "return document.querySelector('tr[data-rod=\"north\"] td[data-name=\"force [kN]\"]')?.textContent.startsWith('! ') === true",
+    );
+    browser.open(&server, "/rod?id=north");
+    browser.wait(
+        "the tile and its reason",
+        "const tile = [...document.querySelectorAll('.facts dt')].find((dt) => dt.textContent.startsWith('axial force'));
+         return tile?.nextSibling.textContent.startsWith('! ') === true
+           && [...document.querySelectorAll('p.note')].some((note) => note.textContent.startsWith('hardly any rod of the prior'))",
+    );
+    browser.wait(
+        "the records",
+        "const rows = [...document.querySelectorAll('tr[data-start]')];
+         const cell = rows[0]?.querySelector('td[data-name=\"force given the baseline [kN]\"]');
+         return cell?.textContent.startsWith('! ') === true && rows[0].textContent.includes('hardly in the prior')",
+    );
 }

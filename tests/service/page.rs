@@ -432,9 +432,21 @@ fn a_refused_record_is_answered_as_described() {
 fn wrong_questions_and_strangers_are_refused() {
     let server = Server::of(&CAMPAIGN, "site.db");
     assert_eq!(server.refused("/api/v1/rods/nobody"), 404);
-    assert_eq!(server.refused("/api/v1/rods/nobody/history"), 404);
+    for of_nobody in [
+        "/api/v1/rods/nobody/history",
+        "/api/v1/rods/nobody/frequencies",
+        "/api/v1/rods/nobody/records",
+        "/api/v1/rods/nobody/records?rejected=true",
+        "/api/v1/rods/nobody/chart",
+        "/api/v1/rods/nobody/latest",
+        "/api/v1/alarms?rod=nobody",
+    ] {
+        assert_eq!(server.refused(of_nobody), 404, "{of_nobody}");
+    }
     for bad in [
         "/api/v1/rods/north/history?from=yesterday",
+        "/api/v1/rods/north/history?from=2026-02-01&to=2026-01-01",
+        "/api/v1/rods/north/frequencies?from=2026-02-01&to=2026-02-01",
         "/api/v1/rods/north/history?points=0",
         "/api/v1/rods/north/history?points=1000000",
         "/api/v1/rods/north/records?limit=100000",

@@ -329,6 +329,12 @@ fn a_large_message_is_kept_and_what_is_not_kept_is_told() {
         told.contains("larger than 8388608 bytes") && code == 3,
         "{code}: {told}"
     );
+    // Two that no attempt sends are none of those that the daemon has.
+    let (told, code) = sent(&daemon, folder.path(), &arrays(1_100_000));
+    assert!(
+        told.contains("1 message is durable, 2 were left out\n") && code == 3,
+        "{code}: {told}"
+    );
     // A topic that no rod has.
     let mut writer =
         tirante::recording::write::RecordingWriter::new(std::io::Cursor::new(Vec::new()), small()).unwrap();

@@ -123,7 +123,7 @@ fn status_says_what_stands_and_what_is_not_compensated() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("site.db");
     let reader = filled(&path);
-    let table = status::text(&reader).unwrap();
+    let table = status::text(&reader, None, Format::Table, None).unwrap();
     for wanted in [
         "~-4.85 (",
         "uncompensated",
@@ -135,17 +135,8 @@ fn status_says_what_stands_and_what_is_not_compensated() {
         assert!(words.join(" ").contains(wanted), "{wanted}:\n{table}");
     }
     let north = RodId("north".into());
-    let said = |more: &[&str]| {
-        let output = std::process::Command::new(env!("CARGO_BIN_EXE_tirante"))
-            .args(["status", "--store"])
-            .arg(&path)
-            .args(more)
-            .output()
-            .unwrap();
-        assert!(output.status.success());
-        String::from_utf8(output.stdout).unwrap()
-    };
-    let row: Value = serde_json::from_str(&said(&["--rod", &north.0, "--format", "json"])).unwrap();
+    let row: Value =
+        serde_json::from_str(&status::text(&reader, Some(&north), Format::Json, None).unwrap()).unwrap();
     assert_eq!(
         (&row["state"], &row["compensated"]),
         (&"alarm".into(), &false.into())
@@ -159,11 +150,14 @@ fn status_says_what_stands_and_what_is_not_compensated() {
         unknown.iter().all(|value| value.is_null()) && row["is_stale"] == false,
         "{row}"
     );
-    let table = parse_csv(&said(&["--format", "csv"]));
+    let table = parse_csv(&status::text(&reader, None, Format::Csv, None).unwrap());
     assert!(table.len() == 3 && table.iter().all(|row| row.len() == table[0].len()));
     let empty = folder.path().join("empty.db");
     drop(Store::open(&empty, Durability::Full).unwrap());
-    assert_eq!(status::text(&Reader::open(&empty).unwrap()).unwrap(), "");
+    assert_eq!(
+        status::text(&Reader::open(&empty).unwrap(), None, Format::Table, None).unwrap(),
+        ""
+    );
 }
 
 #[test]
@@ -179,7 +173,7 @@ fn acknowledging_works_beside_a_writer_and_without_one() {
         run(&["ack", "--store", store, &id]).unwrap();
         assert!(reader.alarm(&id).unwrap().unwrap().acknowledged.is_none());
         assert_eq!(reader.waiting(&north).unwrap().len(), 1);
-        let table = status::text(&reader).unwrap();
+        let table = status::text(&reader, None, Format::Table, None).unwrap();
         assert!(
             table.contains(&format!("waits for the next record: acknowledge {id}")),
             "{table}"

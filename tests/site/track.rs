@@ -233,3 +233,35 @@ fn faults_name_file_line_and_column() {
     assert_eq!(lines[0]["rejection"]["code"], "outside-prior");
     assert!(said.contains("1 refused"), "{said}");
 }
+
+/// A baseline does not mend what its records are doubted for: the mark stands wherever the force does.
+#[test]
+fn a_baseline_of_doubtful_records_keeps_the_mark() {
+    let site = Site::new(SITE);
+    fs::write(site.path("table.csv"), doubtful_table()).unwrap();
+    let (tracked, said, code) = track(&site, &["table.csv", "--store", "site.db"]);
+    assert_eq!(code, 0, "{said}");
+    let last = tracked.last().unwrap();
+    assert!(
+        last["prior_tail"].as_f64().unwrap() <= 0.01 && last["tracked_force_n"].is_object(),
+        "{last}"
+    );
+    let shown = |words: &[&str]| {
+        let output = site.run(words);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let status = shown(&["status", "--store", "site.db", "--rod", "north"]);
+    let row = status.lines().find(|line| line.starts_with("north")).unwrap();
+    assert!(row.contains("  ! "), "{status}");
+    assert!(
+        status.contains("hardly any rod of the prior has these"),
+        "{status}"
+    );
+    assert!(!status.contains("of the latest record alone"), "{status}");
+
+    let history = shown(&["history", "--store", "site.db"]);
+    let marked = history.lines().filter(|line| line.contains("! ")).count();
+    let with_force = tracked.iter().filter(|line| line["tracked_force_n"].is_object());
+    assert_eq!(marked, with_force.count(), "{history}");
+}

@@ -32,6 +32,52 @@ fn a_store_of_the_version_before_keeps_its_baselines_and_goes_on() {
     assert!(output.status.success(), "{told}{}", text(&output.stderr));
     assert_eq!(told.matches("the baseline stays (segment 1").count(), 2, "{told}");
 
+    // A declared rate scales every frequency; where the samples stand changes none. (That version did not hash the rate.)
+    let toml = fs::read_to_string(site.path("site.toml")).unwrap();
+    for (from, to, code, said) in [
+        (
+            "fs_hz = 100.0",
+            "fs_hz = 200.0",
+            3,
+            "rod.channel.fs_hz: 100.0 -> 200.0",
+        ),
+        (
+            "field = \"values\"\nunit = \"m\"\nfs_hz",
+            "field = \"values\"\nunit = \"m\"\ntime = \"publish\"\nfs_hz",
+            3,
+            "rod.channel.time: nothing -> \"publish\"",
+        ),
+        (
+            "topic = \"/north\"",
+            "topic = \"/nave\"",
+            0,
+            "rod north: the baseline stays",
+        ),
+    ] {
+        assert!(toml.contains(from), "{from}");
+        fs::write(site.path("other.toml"), toml.replacen(from, to, 1)).unwrap();
+        let output = site.run(&["check", "other.toml", "--against", "site.db"]);
+        let told = text(&output.stdout);
+        assert!(
+            told.contains(said) && told.contains("rod south: the baseline stays"),
+            "{told}"
+        );
+        assert_eq!(output.status.code(), Some(code), "{told}");
+        // Quiet: the faults alone.
+        let output = site.run(&["check", "other.toml", "--against", "site.db", "--quiet"]);
+        let told = text(&output.stdout);
+        assert_eq!(
+            told.lines().count(),
+            told.matches("would be lost").count(),
+            "{told}"
+        );
+        assert_eq!(
+            (told.is_empty(), output.status.code()),
+            (code == 0, Some(code)),
+            "{told}"
+        );
+    }
+
     let loss = "[[simulation.rod.change]]\nstart_d = 0.0\nrelative = -0.10\n";
     site.simulate("after", &Part::new(17, 12).north(loss));
     let (output, code) = site.replay(&["archive"], "site.db");

@@ -5,6 +5,7 @@
 mod scenario;
 
 mod alternatives;
+mod losses;
 mod months;
 mod relative;
 mod tracking_coverage;

@@ -50,6 +50,21 @@ pub struct Interval {
     pub q975: f64,
 }
 
+impl Interval {
+    /// The interval of a normal law.
+    pub fn normal(mean: f64, sd: f64) -> Self {
+        Self {
+            mean,
+            sd,
+            q025: mean - Z * sd,
+            q975: mean + Z * sd,
+        }
+    }
+}
+
+/// Standard normal quantile of a 95 % interval.
+const Z: f64 = 1.959_963_984_540_054;
+
 impl From<&Marginal> for Interval {
     fn from(of: &Marginal) -> Self {
         Self {

@@ -138,7 +138,7 @@ fn overview(main: &mut Markup, report: &SiteReport) {
         .collect();
     rod::table(
         main,
-        "Intervals in brackets hold the true value with 95 % probability.",
+        "Intervals in brackets hold the true value with 95 % probability. A force with ! or ? may be wrong: the rod's part says why.",
         &header,
         &rows,
     );

@@ -8,7 +8,7 @@ use super::page::{counted, day, moment, state_class, state_text};
 use super::record::{self, Drawn};
 use super::single;
 use super::view::{RecordPoint, RodReport};
-use crate::analysis::findings::{CONFLICT_SHOWN, motion_said};
+use crate::analysis::findings::{Doubt, motion_said};
 use crate::analysis::inference::VarianceShares;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::track::{Alarm, Interval};
@@ -30,7 +30,7 @@ pub(super) enum Cell {
     Link(String, String),
 }
 
-/// Present force and change, as text.
+/// Present force and change, as text; a force in doubt with its mark.
 pub(super) struct Now {
     pub as_measured: String,
     pub at_reference: String,
@@ -59,6 +59,8 @@ pub(super) fn now(rod: &RodReport) -> Now {
             change: none(),
         };
     };
+    let mark = Doubt::mark(&last.doubts);
+    let kilonewtons = |force: &Interval| format!("{mark}{}", kilonewtons(force));
     let force = last.tracked_force_n.unwrap_or(last.force_n);
     let change = match (last.ratio_at_reference, last.ratio) {
         (Some(ratio), _) => percent(&ratio),
@@ -170,8 +172,24 @@ pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str) {
     tables(html, rod, id);
 }
 
+/// Reasons to doubt a force, one sentence each. What a baseline learned is as doubtful as the records it learned from.
+pub(super) fn doubts(html: &mut Markup, record: &RecordPoint) {
+    for doubt in &record.doubts {
+        let said = doubt.said();
+        let (first, rest) = said.split_at(said.chars().next().map_or(0, char::len_utf8));
+        let mut sentence = format!("{}{rest}.", first.to_uppercase());
+        if *doubt == Doubt::Conflict && record.ratio.is_some() {
+            sentence += " Changes since the baseline do not depend on this.";
+        }
+        html.leaf("p", &[("class", "note"), ("role", "note")], sentence);
+    }
+}
+
 /// Remarks that qualify the figures.
 fn remarks(html: &mut Markup, rod: &RodReport) {
+    if let Some(last) = rod.last_used() {
+        doubts(html, last);
+    }
     let mut calm = |text: String| html.leaf("p", &[("class", "note calm")], text);
     let Some(last) = rod.records.last() else {
         let refused: usize = rod.rejections.iter().map(|rejection| rejection.count).sum();
@@ -192,13 +210,6 @@ fn remarks(html: &mut Markup, rod: &RodReport) {
     {
         calm(
             "The change is not compensated for temperature: a warm day can look like a loss of force, a cold one like a gain."
-                .to_owned(),
-        );
-    }
-    if last.conflict.is_some_and(|conflict| conflict >= CONFLICT_SHOWN) {
-        calm(
-            "The measured frequencies are not those of a rod the model allows: the absolute force may be wrong by more than its \
-             interval says. Changes since the baseline do not depend on this."
                 .to_owned(),
         );
     }
@@ -227,10 +238,17 @@ pub(super) fn figure(html: &mut Markup, drawing: Option<Markup>, caption: &str) 
 fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
     let Some(span) = Span::of(rod) else { return };
     if rod.records.len() < 2 {
-        let text = "Figures over time begin with the second record.";
+        let text = match rod.older_used {
+            0 => "Figures over time begin with the second record.",
+            _ => {
+                "The figures over time need the lines of two records; those of the older ones were removed ([store] keep_lines_d)."
+            }
+        };
         return html.leaf("p", &[("class", "about")], text);
     }
-    if let Some(drawing) = history::relative_force(rod, &span, &format!("{id}-rel")) {
+    let relative = history::relative_force(rod, &span, &format!("{id}-rel"));
+    let has_relative = relative.is_some();
+    if let Some(drawing) = relative {
         html.leaf("h3", &[], "Change of force since the baseline");
         figure(
             html,
@@ -266,8 +284,16 @@ fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
     figure(
         html,
         history::absolute_force(rod, &span, &format!("{id}-abs")),
-        "The grey interval is what each record says by itself; the blue one, once there is a baseline, uses all of them. Both are \
-         wide because the rod's stiffness and density are uncertain: judge changes by the figure above, not by this one.",
+        match has_relative {
+            true => {
+                "The grey interval is what each record says by itself; the blue one, once there is a baseline, uses all of them. Both \
+                 are wide because the rod's stiffness and density are uncertain: judge changes by the figure above, not by this one."
+            }
+            false => {
+                "The grey interval is what each record says by itself. It is wide because the rod's stiffness and density are \
+                 uncertain: no change can be told from it, only once there is a baseline."
+            }
+        },
     );
     html.leaf("h3", &[], "Natural frequencies");
     figure(

@@ -83,12 +83,7 @@ fn headline(html: &mut Markup, rod: &RodReport, only: &RecordPoint) {
             kn(only.force_n.q975)
         ));
     });
-    for doubt in &only.doubts {
-        let said = doubt.said();
-        let (first, rest) = said.split_at(said.chars().next().map_or(0, char::len_utf8));
-        let sentence = format!("{}{rest}.", first.to_uppercase());
-        html.leaf("p", &[("class", "note"), ("role", "note")], sentence);
-    }
+    rod::doubts(html, only);
     let state = match (&rod.state, rod.baseline_takes) {
         (Some(RodState::Learning { records, .. }), Some(takes)) => {
             format!("learning, baseline {records} of {takes} records")

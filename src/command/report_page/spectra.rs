@@ -1,9 +1,10 @@
 //! The spectra of records without a rod: one self-contained page, `tirante spectrum --html`.
 
 use super::markup::Markup;
-use super::page::{counted, document, moment};
+use super::page::{counted, document};
 use super::record::{self, Drawn};
 use super::rod::figure;
+use super::single::began;
 use super::view::SpectrumReport;
 use crate::analysis::findings::motion_said;
 
@@ -54,7 +55,7 @@ fn section(html: &mut Markup, one: &SpectrumReport, id: &str) {
             "Record",
             format!(
                 "{}, {:.1} s at {:.4} Hz",
-                moment(record.start),
+                began(record.start),
                 record.duration_s,
                 record.fs_hz
             ),
@@ -67,6 +68,9 @@ fn section(html: &mut Markup, one: &SpectrumReport, id: &str) {
         }
         if let Some(force) = &one.force {
             entry("Axial force", force.clone());
+            for doubt in &one.doubts {
+                entry("In doubt", doubt.said().to_owned());
+            }
         }
         if let Some(probability) = record.label_probability {
             entry("Orders right with", super::percent_said(probability));

@@ -84,7 +84,7 @@ impl RodReport {
     /// The record of a rod measured only once, without another to compare it with.
     pub fn only_record(&self) -> Option<&RecordPoint> {
         match &self.records[..] {
-            [only] if only.ratio.is_none() => Some(only),
+            [only] if only.ratio.is_none() && self.older_used == 0 => Some(only),
             _ => None,
         }
     }
@@ -92,7 +92,11 @@ impl RodReport {
     /// True for a rod of which one record came, which was refused.
     pub fn is_refused_once(&self) -> bool {
         let refused: usize = self.rejections.iter().map(|rejection| rejection.count).sum();
-        self.records.is_empty() && refused == 1 && self.alarms.is_empty() && self.refused.is_some()
+        self.records.is_empty()
+            && self.older_used == 0
+            && refused == 1
+            && self.alarms.is_empty()
+            && self.refused.is_some()
     }
 
     /// The current segment.
@@ -131,8 +135,10 @@ pub struct SpectrumReport {
     pub band_hz: Option<(f64, f64)>,
     /// Faults noticed by the quality checks.
     pub flags: Vec<String>,
-    /// Force in words, if a rod is configured.
+    /// Force in words with its mark, if a rod is configured.
     pub force: Option<String>,
+    /// Reasons to doubt it.
+    pub doubts: Vec<Doubt>,
     /// View of the record, if it has samples.
     pub record: Option<Snapshot>,
     /// Reason why it was refused, if it was.
@@ -162,9 +168,7 @@ pub struct RecordPoint {
     pub reference_c: Option<f64>,
     /// Natural frequencies: order, frequency \[Hz\], standard error \[Hz\].
     pub modes: Vec<(usize, f64, f64)>,
-    /// Conflict with the model, in standard deviations.
-    pub conflict: Option<f64>,
-    /// Reasons to doubt the force of this record alone.
+    /// Reasons to doubt its forces.
     pub doubts: Vec<Doubt>,
     /// Reason why it does not count on the charts, if it does not.
     pub set_aside: Option<String>,

@@ -145,6 +145,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         shift_ns: Cell::new(None),
         durable: Cell::new(0),
         losses: Cell::new(0),
+        too_large: Cell::new(0),
         left_out: RefCell::default(),
     };
     let runtime = tokio::runtime::Builder::new_current_thread()
@@ -158,7 +159,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     });
     let durable = errand.durable.get();
     let losses = errand.losses.get();
-    let left_out: u64 = errand.left_out.take().into_values().sum();
+    let not_kept: u64 = errand.left_out.take().into_values().sum();
+    // These were never among those sent.
+    let left_out = not_kept + errand.too_large.get();
     drop(errand);
     let messages = outcome.map_err(|error| match &args.sender {
         Some(sender) => error.context(format!(
@@ -166,19 +169,25 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         )),
         None => error.context("not everything was sent"),
     })?;
-    let told = match left_out {
-        0 => format!("{messages} messages are durable\n"),
-        _ => format!(
-            "{} messages are durable, {left_out} were left out\n",
-            messages - left_out.min(messages)
-        ),
-    };
-    super::print(told.as_bytes())?;
+    super::print(told(messages.saturating_sub(not_kept), left_out).as_bytes())?;
     Ok(match (losses, left_out) {
         (0, 0) => ExitCode::SUCCESS,
         (0, _) => ExitCode::from(super::WITH_LOSSES),
         _ => ExitCode::FAILURE,
     })
+}
+
+/// Outcome in words.
+fn told(durable: u64, left_out: u64) -> String {
+    let durable = match durable {
+        1 => "1 message is durable".to_owned(),
+        _ => format!("{durable} messages are durable"),
+    };
+    match left_out {
+        0 => format!("{durable}\n"),
+        1 => format!("{durable}, 1 was left out\n"),
+        _ => format!("{durable}, {left_out} were left out\n"),
+    }
 }
 
 /// State shared by the attempts to send.
@@ -197,7 +206,9 @@ struct Errand<'a> {
     durable: Cell<u64>,
     /// Number of damaged recordings.
     losses: Cell<usize>,
-    /// Number of messages not kept, by reason.
+    /// Number of messages too large for a socket, which no attempt sends.
+    too_large: Cell<u64>,
+    /// Number of messages that the daemon did not keep, by reason.
     left_out: RefCell<BTreeMap<String, u64>>,
 }
 
@@ -299,8 +310,12 @@ impl Errand<'_> {
                 }
                 Piece::Message(message) if message.data.len() > MAX_MESSAGE => {
                     too_large += 1;
-                    let reason = format!("larger than {MAX_MESSAGE} bytes, too large for a socket");
-                    self.leave_out(&reason, too_large);
+                    if self.too_large.get() == 0 {
+                        self.bar.say(&format!(
+                            "error: messages are left out: larger than {MAX_MESSAGE} bytes, too large for a socket"
+                        ));
+                    }
+                    self.too_large.set(too_large.max(self.too_large.get()));
                     continue;
                 }
                 Piece::Message(message) => message,

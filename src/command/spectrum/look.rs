@@ -2,9 +2,9 @@
 
 use super::Band;
 use super::input::Source;
-use crate::analysis::findings::{self, Candidate, Peak};
+use crate::analysis::findings::{self, Candidate, Doubt, Peak};
 use crate::analysis::identify::Measurement;
-use crate::analysis::inference::Marginal;
+use crate::analysis::inference::{Conflict, Marginal};
 use crate::analysis::outcome::Rejected;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::rod::beam::Quantity;
@@ -25,12 +25,13 @@ pub(super) struct Looker {
     search: PeakSearch,
     plans: Plans,
     band: Band,
+    is_configured: bool,
 }
 
 /// Findings of a record.
 pub(super) struct Look {
     source: Source,
-    /// Time of the first sample, if known.
+    /// Time of the first sample, if known; 0 in a file that does not say it.
     pub start: Option<Timestamp>,
     /// Length \[s\].
     pub duration_s: f64,
@@ -42,12 +43,13 @@ pub(super) struct Look {
     pub flags: Vec<Flag>,
     /// Reason why there are no peaks, or no force of the configured rod.
     pub rejection: Option<Rejection>,
-    /// Force of the configured rod, in words.
-    pub force: Option<String>,
     /// Waveform, spectrum and peaks, if it has samples.
     pub picture: Option<Snapshot>,
     axial_force_n: Option<Marginal>,
+    conflict: Option<Conflict>,
     peaks: Vec<Peak>,
+    /// True with a configuration, whose settings may be changed.
+    is_configured: bool,
 }
 
 /// Result of a configured rod for a record.
@@ -56,6 +58,7 @@ struct Told {
     modes: Vec<Mode>,
     labels: Option<Labels>,
     force: Option<Marginal>,
+    conflict: Option<Conflict>,
     rejection: Option<Rejection>,
 }
 
@@ -75,6 +78,8 @@ struct Line<'a> {
     label_probability: Option<f64>,
     candidates: &'a [Candidate],
     axial_force_n: Option<&'a Marginal>,
+    conflict: Option<f64>,
+    prior_tail: Option<f64>,
     flags: &'a [Flag],
     rejection: Option<Reason<'a>>,
 }
@@ -103,6 +108,7 @@ impl Looker {
             search: PeakSearch::new(welch, peaks, Vec::new()),
             plans: config.map(setup::plans).transpose()?.unwrap_or_default(),
             band,
+            is_configured: config.is_some(),
         })
     }
 
@@ -125,7 +131,6 @@ impl Looker {
                 band_hz: None,
                 flags: Vec::new(),
                 rejection: Some(rejection.clone()),
-                force: None,
                 picture: Snapshot::of_rejected(&Rejected {
                     rod,
                     start,
@@ -139,7 +144,9 @@ impl Looker {
                     waveform,
                 }),
                 axial_force_n: None,
+                conflict: None,
                 peaks: Vec::new(),
+                is_configured: self.is_configured,
             },
             Event::Record(record) => self.look_at(source, &record),
         };
@@ -162,12 +169,22 @@ impl Looker {
             band_hz: Some((low_hz, high_hz)),
             flags: record.flags.clone(),
             rejection: None,
-            force: None,
             picture: None,
             axial_force_n: None,
+            conflict: None,
             peaks: Vec::new(),
+            is_configured: self.is_configured,
         };
-        match self.search.evidence(record, low_hz, high_hz) {
+        let evidence = match low_hz < high_hz {
+            true => self.search.evidence(record, low_hz, high_hz),
+            false => Err(Rejection::NoBand {
+                low_hz: self.band.low_hz.unwrap_or(lowest_hz),
+                high_hz: self.band.high_hz.unwrap_or(highest_hz),
+                lowest_hz,
+                highest_hz,
+            }),
+        };
+        match evidence {
             Ok(evidence) => {
                 let told = self.told(source, record);
                 let measurement = Measurement::new(record, [0; 32], evidence);
@@ -178,7 +195,7 @@ impl Looker {
                     told.labels.as_ref(),
                     high_hz,
                 ));
-                look.force = told.force.as_ref().map(crate::command::findings::force);
+                look.conflict = told.conflict;
                 look.axial_force_n = told.force;
                 look.rejection = told.rejection;
             }
@@ -212,6 +229,7 @@ impl Looker {
                 force: identification.posterior.marginal(Quantity::AxialForce),
                 modes: identification.modes,
                 labels: identification.labels,
+                conflict: Some(identification.conflict),
                 rejection: None,
             },
             Err(refusal) => Told {
@@ -244,6 +262,16 @@ impl Look {
         format!("{file}, {channel}{rod}{unit}")
     }
 
+    /// Reason why there are no peaks, or no force, in words.
+    pub fn reason(&self) -> Option<String> {
+        Some(match self.rejection.as_ref()? {
+            Rejection::TooShort { duration_s, needed_s } if !self.is_configured => {
+                format!("{duration_s:.2} s long, at least {needed_s:.2} s needed: record longer")
+            }
+            rejection => rejection.to_string(),
+        })
+    }
+
     /// Motion of the record.
     pub fn motion(&self) -> Option<&Motion> {
         self.picture.as_ref()?.motion.as_ref()
@@ -255,6 +283,27 @@ impl Look {
         self.picture.as_ref()?.label_probability.filter(|_| is_told)
     }
 
+    /// Reasons to doubt the force of the configured rod.
+    pub fn doubts(&self) -> Vec<Doubt> {
+        Doubt::all(
+            self.conflict().map(|conflict| conflict.score),
+            self.conflict().map(|conflict| conflict.prior_tail),
+            self.label_probability(),
+        )
+    }
+
+    /// Conflict of the configured rod with the record.
+    pub fn conflict(&self) -> Option<&Conflict> {
+        self.conflict.as_ref()
+    }
+
+    /// Force of the configured rod in words, with its mark.
+    pub fn force(&self) -> Option<String> {
+        let force = self.axial_force_n.as_ref()?;
+        let mark = Doubt::mark(&self.doubts());
+        Some(format!("{mark}{}", crate::command::findings::force(force)))
+    }
+
     /// The findings as one JSON object, without a line end.
     pub fn json(&self) -> String {
         let line = Line {
@@ -262,7 +311,7 @@ impl Look {
             channel: &self.source.channel,
             rod: self.source.rod.as_ref(),
             unit: self.source.unit,
-            start: self.start,
+            start: self.start.filter(|start| start.as_nanos() != 0),
             duration_s: self.duration_s,
             fs_hz: self.fs_hz,
             excitation: self.motion(),
@@ -274,10 +323,12 @@ impl Look {
                 .as_ref()
                 .map_or(&[][..], |picture| &picture.candidates),
             axial_force_n: self.axial_force_n.as_ref(),
+            conflict: self.conflict.as_ref().map(|conflict| conflict.score),
+            prior_tail: self.conflict.as_ref().map(|conflict| conflict.prior_tail),
             flags: &self.flags,
             rejection: self.rejection.as_ref().map(|rejection| Reason {
                 code: rejection.code(),
-                message: rejection.to_string(),
+                message: self.reason().unwrap_or_default(),
                 detail: rejection,
             }),
         };
@@ -291,7 +342,8 @@ impl Look {
         let fault = self
             .rejection
             .as_ref()
-            .map(|rejection| format!("{rejection} ({}).", rejection.code()));
+            .zip(self.reason())
+            .map(|(rejection, reason)| format!("{reason} ({}).", rejection.code()));
         if let Some(picture) = &mut picture {
             picture.label_probability = self.label_probability();
         }
@@ -310,7 +362,8 @@ impl Look {
                 .or(self.source.foreign_unit.clone()),
             band_hz: self.band_hz,
             flags: self.flags.iter().map(ToString::to_string).collect(),
-            force: self.force.clone(),
+            force: self.force(),
+            doubts: self.doubts(),
             record: picture,
             fault,
         }

@@ -195,6 +195,11 @@ async fn stretch<T: Serialize + Send + 'static>(
         time("from", span.from.as_deref())?,
         time("to", span.to.as_deref())?,
     );
+    if let (Some(from), Some(to)) = (from, to)
+        && from >= to
+    {
+        return Err(problem::bad("from: must be before to"));
+    }
     let points = within("points", span.points, POINTS)?;
     api.answer(move |reader, days| {
         let rod = RodId(rod);
@@ -249,6 +254,9 @@ async fn records(
     let only_rejected = page.rejected.unwrap_or(false);
     api.answer(move |reader, days| {
         let rod = RodId(rod);
+        if days.span(&rod).is_none() && reader.standing(&rod)?.is_none() {
+            return Ok(Err(no_rod(&rod.0)));
+        }
         Ok(Ok(Records::of(reader, days, &rod, before, only_rejected, most)?))
     })
     .await
@@ -266,13 +274,25 @@ async fn chart(
     Query(asked): Query<Periods>,
 ) -> Result<Response, Problem> {
     let most = within("periods", asked.periods, PERIODS)?;
-    api.answer_at_once(move |reader| Ok(Ok(Chart::of(reader, &RodId(rod), most)?)))
-        .await
+    api.answer_at_once(move |reader| {
+        let rod = RodId(rod);
+        Ok(match reader.standing(&rod)? {
+            Some(_) => Ok(Chart::of(reader, &rod, most)?),
+            None => Err(no_rod(&rod.0)),
+        })
+    })
+    .await
 }
 
 async fn latest(State(api): State<Api>, Path(rod): Path<String>) -> Result<Response, Problem> {
-    api.answer_at_once(move |reader| Ok(Ok(Looks::of(reader, &RodId(rod))?)))
-        .await
+    api.answer_at_once(move |reader| {
+        let rod = RodId(rod);
+        Ok(match reader.standing(&rod)? {
+            Some(_) => Ok(Looks::of(reader, &rod)?),
+            None => Err(no_rod(&rod.0)),
+        })
+    })
+    .await
 }
 
 #[derive(Deserialize)]
@@ -290,6 +310,13 @@ async fn alarms(State(api): State<Api>, Query(page): Query<AlarmPage>) -> Result
         let rod = page.rod.map(RodId);
         let standing = page.standing.unwrap_or(false);
         let found = Alarms::of(reader, rod.as_ref(), standing, page.before.as_deref(), most)?;
+        // A rod that was taken out of the configuration has its alarms still.
+        if let (Some(rod), Some(found)) = (&rod, &found)
+            && found.alarms.is_empty()
+            && reader.standing(rod)?.is_none()
+        {
+            return Ok(Err(no_rod(&rod.0)));
+        }
         Ok(found.ok_or_else(|| problem::bad("before: take `next` of another page")))
     })
     .await

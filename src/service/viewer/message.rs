@@ -111,7 +111,8 @@ impl Message {
                 "force_at_reference_n": row.force_at_reference_n, "relative_force": row.relative_force,
                 "relative_force_at_reference": row.relative_force_at_reference, "temperature_c": row.temperature_c,
                 "state": row.state, "set_aside": row.set_aside, "rejection": row.rejection, "excitation": row.excitation,
-                "label_probability": row.label_probability, "candidates": row.candidates}),
+                "label_probability": row.label_probability, "candidates": row.candidates,
+                "conflict": row.conflict, "prior_tail": row.prior_tail}),
         }];
         if !row.modes.is_empty() {
             messages.push(Self {

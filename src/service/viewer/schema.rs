@@ -229,6 +229,16 @@ pub static FORCE: Type = Type {
             Many(&CANDIDATE),
             "other assignments of the peaks, if the orders are not certain",
         ),
+        field(
+            "conflict",
+            Number,
+            "disagreement of model and data, in standard deviations; from 3 on the force may be wrong [-]",
+        ),
+        field(
+            "prior_tail",
+            Number,
+            "share of the prior's own records at least as far out; up to 0.01 the prior may be wrong [-]",
+        ),
     ],
 };
 

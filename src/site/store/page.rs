@@ -399,6 +399,17 @@ impl Reader {
         )
     }
 
+    /// Configuration of the latest record of a segment.
+    ///
+    /// # Errors
+    /// As [`Reader::points_after`].
+    pub fn config_in(&self, rod: &RodId, segment: u32) -> Result<Option<[String; 3]>, StoreError> {
+        self.config_where(
+            "hash = (SELECT config FROM record WHERE rod = ? AND segment = ? ORDER BY start_ns DESC, id DESC LIMIT 1)",
+            (&rod.0, segment),
+        )
+    }
+
     fn config_where(
         &self,
         condition: &str,

@@ -324,6 +324,9 @@ impl Reader {
         if matches!(listing, Listing::Records | Listing::Rejections) {
             self.check(&["record", "mode", "origin"])?;
         }
+        if listing == Listing::Records {
+            self.check(&["line"])?;
+        }
         let names = self.columns(listing)?;
         let (sql, values) = listing.sql(filter, self.orders().map_err(fault)?);
         let sql = self.of_now(listing, sql).map_err(fault)?;
@@ -333,7 +336,7 @@ impl Reader {
             .map_err(fault)?;
         while let Some(row) = rows.next().map_err(fault)? {
             let values = (0..names.len())
-                .map(|place| row.get(place))
+                .map(|place| row.get(place).map(|value| number_of_line(&names[place], value)))
                 .collect::<rusqlite::Result<Vec<Value>>>()
                 .map_err(fault)?;
             on_row(&names, &values)?;
@@ -477,6 +480,14 @@ impl Reader {
     }
 }
 
+/// A number that only the JSON line has, to the bit: SQLite's own reading of decimal digits may be off by the last.
+fn number_of_line(name: &str, value: Value) -> Value {
+    match value {
+        Value::Text(digits) if name == "label_probability" => digits.parse().map_or(Value::Null, Value::Real),
+        value => value,
+    }
+}
+
 /// Numbers of records whose lines were removed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WithoutLine {
@@ -546,7 +557,9 @@ impl Listing {
                         tracked_force_n, tracked_force_sd_n, temperature_c, not_axial_p,
                         axial_force_n, axial_force_sd_n, axial_force_q025_n, axial_force_q50_n, axial_force_q975_n,
                         {modes}
-                        conflict, prior_tail, epsilon, draws, accepted, ess, fs_hz, rms, segment,
+                        conflict, prior_tail,
+                        (SELECT json -> '$.label_probability' FROM line WHERE record = id) AS label_probability,
+                        epsilon, draws, accepted, ess, fs_hz, rms, segment,
                         emulator, seed, config, analysis_version, rejection_message,
                         (SELECT file FROM origin WHERE record = id) AS file
                      FROM record WHERE {wanted} ORDER BY rod, start_ns, id"

@@ -127,6 +127,7 @@ impl Kept {
             readings,
             filters,
             early,
+            before,
             closed,
             alarms,
             watches,

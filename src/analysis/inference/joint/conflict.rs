@@ -129,14 +129,8 @@ fn one(
     let score = score_of(&values);
     let alone = &problem.data[group[0]];
     let hint = (score > DOUBTED && n == 1)
-        .then(|| {
-            alone
-                .slips()
-                .into_iter()
-                .find(|(value, _)| score_of(&[*value]) < EXPLAINED)
-        })
-        .flatten()
-        .map(|(_, why)| why.to_owned());
+        .then(|| alone.slips_where(|value| score_of(&[value]) < EXPLAINED))
+        .flatten();
     let moment = problem.moment_of[group[0]];
     let suffix = if moment > 0 {
         format!(" (moment {})", moment + 1)

@@ -252,8 +252,19 @@ impl Datum {
         }
     }
 
+    /// Slips whose true value `agrees`, joined by "or"; `None` if none does.
+    pub(super) fn slips_where(&self, agrees: impl Fn(f64) -> bool) -> Option<String> {
+        let slips = self.slips();
+        let agreeing: Vec<&str> = slips
+            .iter()
+            .filter(|(value, _)| agrees(*value))
+            .map(|(_, why)| *why)
+            .collect();
+        (!agreeing.is_empty()).then(|| agreeing.join(", or "))
+    }
+
     /// True values that a common slip would have turned into the given value, with the slip's name.
-    pub(super) fn slips(&self) -> Vec<(f64, &'static str)> {
+    fn slips(&self) -> Vec<(f64, &'static str)> {
         let v = self.value;
         match self.query {
             Query::Deflection { .. } => vec![

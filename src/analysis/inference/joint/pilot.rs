@@ -17,8 +17,18 @@ pub(super) struct Pilot {
     pub(super) rows: usize,
     /// Parameter vectors, row-major.
     pub(super) thetas: Vec<f64>,
+    /// Answers with the errors of the data.
     answers: Vec<f64>,
+    /// Answers of the model alone.
+    model: Vec<f64>,
 }
+
+/// Distance of a datum from the middle of the prior's answers, over that of the end of 99 % of them, above which no rod has it.
+const OUTSIDE: f64 = 2.2;
+/// Normal deviate of the ends of 99 %.
+const END: f64 = 2.576;
+/// A block's parameters, its answers with errors, and those of the model.
+type Block = (Vec<f64>, Vec<f64>, Vec<f64>);
 
 /// Number of draws per random stream.
 const BLOCK: usize = 256;
@@ -28,35 +38,41 @@ impl Pilot {
     pub(super) fn drawn(problem: &Problem, count: usize, seed: u64) -> Self {
         let seed = random::seed(&[b"joint pilot", &seed.to_le_bytes()]);
         let (width, data) = (problem.priors.len(), problem.data.len());
-        let blocks: Vec<(Vec<f64>, Vec<f64>)> = (0..count.div_ceil(BLOCK))
+        let blocks: Vec<Block> = (0..count.div_ceil(BLOCK))
             .into_par_iter()
             .map(|block| {
                 let mut generator: ChaCha8Rng = random::stream(seed, block as u64);
                 let mut thetas = vec![0.0; BLOCK * width];
                 let mut answers = vec![0.0; BLOCK * data];
-                for (theta, out) in thetas.chunks_exact_mut(width).zip(answers.chunks_exact_mut(data)) {
+                let mut model = vec![0.0; BLOCK * data];
+                let rows = answers.chunks_exact_mut(data).zip(model.chunks_exact_mut(data));
+                for (theta, (out, exact)) in thetas.chunks_exact_mut(width).zip(rows) {
                     for (value, prior) in theta.iter_mut().zip(&problem.priors) {
                         *value = prior.sample(&mut generator);
                     }
                     problem.answer(theta, out);
+                    exact.copy_from_slice(out);
                     for (i, y) in out.iter_mut().enumerate() {
                         let z: f64 = StandardNormal.sample(&mut generator);
                         *y += problem.spread(i, *y) * z;
                     }
                 }
-                (thetas, answers)
+                (thetas, answers, model)
             })
             .collect();
         let mut pilot = Self {
             rows: 0,
             thetas: Vec::new(),
             answers: Vec::new(),
+            model: Vec::new(),
         };
-        for (thetas, answers) in blocks {
-            for (theta, out) in thetas.chunks_exact(width).zip(answers.chunks_exact(data)) {
+        for (thetas, answers, model) in blocks {
+            let rows = answers.chunks_exact(data).zip(model.chunks_exact(data));
+            for (theta, (out, exact)) in thetas.chunks_exact(width).zip(rows) {
                 if out.iter().all(|y| y.is_finite()) {
                     pilot.thetas.extend(theta);
                     pilot.answers.extend(out);
+                    pilot.model.extend(exact);
                     pilot.rows += 1;
                 }
             }
@@ -64,23 +80,21 @@ impl Pilot {
         pilot
     }
 
-    fn column(&self, problem: &Problem, datum: usize) -> Vec<f64> {
+    fn column(answers: &[f64], problem: &Problem, datum: usize) -> Vec<f64> {
         let data = problem.data.len();
-        self.answers.iter().skip(datum).step_by(data).copied().collect()
+        answers.iter().skip(datum).step_by(data).copied().collect()
     }
 
-    /// Refuses a datum that lies 1.5 times as far from the middle of the prior's answers as the farthest of them: fewer than one
-    /// in a million normal ones do.
+    /// Refuses a datum that lies 2.2 times as far from the middle of the model's answers as the end of 99 % of them, the datum's own
+    /// error included: fewer than one in a million normal ones do.
+    ///
+    /// The error of a positive quantity is relative: one of 3 % of a value a thousand times too large is thirty true values, and
+    /// must not widen the range that the value is held against.
     pub(super) fn refuse_outsiders(&self, problem: &Problem) -> Result<(), JointError> {
         for (i, datum) in problem.data.iter().enumerate() {
-            let on_scale = |y: f64| {
-                if datum.query.is_signed() {
-                    y
-                } else {
-                    libm::log(y.abs())
-                }
-            };
-            let mut column = self.column(problem, i);
+            let is_signed = datum.query.is_signed();
+            let on_scale = |y: f64| if is_signed { y } else { libm::log(y.abs()) };
+            let mut column = Self::column(&self.model, problem, i);
             column.sort_unstable_by(f64::total_cmp);
             let at = |share: f64| {
                 column
@@ -92,20 +106,23 @@ impl Pilot {
             };
             // Heavy tails of ratios that pass through zero must not widen the gate: ends of 99 %, three times as far.
             let reach = |value: f64| {
+                let error = match is_signed {
+                    true => problem.spread(i, middle),
+                    false => problem.spread(i, datum.value) / datum.value,
+                };
                 let (value, middle) = (on_scale(value), on_scale(middle));
                 let end = if value < middle { low } else { high };
-                (value - middle).abs() / (on_scale(end) - middle).abs().max(1e-12)
+                let end = (on_scale(end) - middle).hypot(END * error);
+                (value - middle).abs() / end.max(1e-12)
             };
-            if reach(datum.value) > 2.2 {
-                let slip = datum.slips().into_iter().find(|(value, _)| reach(*value) < 1.0);
+            if reach(datum.value) > OUTSIDE {
+                let slips = datum.slips_where(|value| reach(value) < 1.0);
                 return Err(JointError::OutsidePrior {
                     what: datum.query.said(),
                     low,
                     high,
                     value: datum.value,
-                    hint: slip
-                        .map(|(_, why)| format!("; it would agree {why}"))
-                        .unwrap_or_default(),
+                    hint: slips.map_or_else(String::new, |why| format!("; it would agree {why}")),
                 });
             }
         }
@@ -119,7 +136,7 @@ impl Pilot {
         let spreads: Vec<f64> = used
             .iter()
             .map(|&i| {
-                let mut column = self.column(problem, i);
+                let mut column = Self::column(&self.answers, problem, i);
                 column.sort_unstable_by(f64::total_cmp);
                 // Half the distance between the 16 % and 84 % quantiles: a standard deviation that no far tail moves.
                 let last = column.len().saturating_sub(1) as f64;

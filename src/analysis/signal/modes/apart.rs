@@ -24,8 +24,17 @@ impl Stretch<'_> {
             let taken = 1 + usize::from(next.is_some());
             let others: Vec<Fit> = fits[..n].iter().chain(&fits[n + taken..]).copied().collect();
             match self.pair(fit, next, &others) {
-                Pair::Two(members) => {
-                    found.extend(members.map(|member| member_of(fit, member)));
+                Pair::Two(members, share) => {
+                    found.extend(next.map_or_else(
+                        || split(fit, members, share),
+                        |next| {
+                            let (strong, weak) = by_level(fit, next);
+                            [
+                                member_of(strong, members[0], 1.0),
+                                member_of(weak, members[1], 1.0),
+                            ]
+                        },
+                    ));
                 }
                 verdict => {
                     let mut one = fit.resonance;
@@ -48,20 +57,24 @@ impl Stretch<'_> {
             return Pair::One;
         }
         let width = |fit: &Fit| fit.resonance.damping * fit.resonance.frequency_hz;
-        let (f, gamma) = (fit.resonance.frequency_hz, width(fit));
-        let (reach, guess) = match next {
-            None => (HALF_WIDTHS * gamma, None),
-            Some(next) => {
-                let apart = next.resonance.frequency_hz - f;
-                let reach = apart + HALF_WIDTHS * gamma.max(width(next));
-                (reach, Some([fit.pole(), next.pole()]))
-            }
-        };
-        let Some(series) = self.band_series(fit, reach, others, |_| Complex::default()) else {
+        // The series is exact for the pole that it is weighted for, and pushes any other mode away from that one by up to a fifth
+        // of its width: the stronger of the two takes the weight.
+        let (strong, weak) = next.map_or((fit, None), |next| {
+            let (strong, weak) = by_level(fit, next);
+            (strong, Some(weak))
+        });
+        let (f, gamma) = (strong.resonance.frequency_hz, width(strong));
+        let mut reach = (HALF_WIDTHS * gamma, HALF_WIDTHS * gamma);
+        if let Some(weak) = weak {
+            let (apart, far) = (weak.resonance.frequency_hz - f, HALF_WIDTHS * width(weak));
+            reach = (reach.0.max(far - apart), reach.1.max(far + apart));
+        }
+        let Some(series) = self.band_series(strong, reach, others, |_| Complex::default()) else {
             return Pair::One;
         };
-        let noise = (TAU * gamma / series.rate_hz).powi(-2) / fit.parameters.log_ratio.exp();
-        pair(&series, fit.pole(), noise, guess, fit.spread)
+        let noise = (TAU * gamma / series.rate_hz).powi(-2) / strong.parameters.log_ratio.exp();
+        let guess = weak.map(|weak| [strong.pole(), weak.pole()]);
+        pair(&series, strong.pole(), noise, guess, strong.spread)
     }
 }
 
@@ -73,9 +86,26 @@ fn touch(a: &Fit, b: &Fit) -> bool {
     steady(a) && steady(b) && apart < TOUCHING * (width(a) + width(b))
 }
 
-/// Resonance of one of two modes that were fitted as one in `fit`.
-fn member_of(fit: &Fit, member: Member) -> Resonance {
+/// Two fits, that of the higher peak first.
+fn by_level<'f>(a: &'f Fit, b: &'f Fit) -> (&'f Fit, &'f Fit) {
+    let level = |fit: &Fit| fit.resonance.peak_to_noise * fit.value.noise;
+    if level(b) > level(a) { (b, a) } else { (a, b) }
+}
+
+/// Resonances of two modes that were fitted as one; `share` is the second's peak power over the first's.
+fn split(fit: &Fit, members: [Member; 2], share: f64) -> [Resonance; 2] {
+    let first = 1.0 / (1.0 + share);
+    [
+        member_of(fit, members[0], first),
+        member_of(fit, members[1], 1.0 - first),
+    ]
+}
+
+/// Resonance of one of two modes, which has `part` of the peak power that was fitted in `fit`.
+fn member_of(fit: &Fit, member: Member, part: f64) -> Resonance {
     Resonance {
+        peak_to_noise: part * fit.resonance.peak_to_noise,
+        evidence: part * fit.resonance.evidence,
         frequency_hz: member.pole.frequency_hz,
         frequency_sd_hz: member.frequency_sd_hz * fit.spread.sqrt(),
         damping: member.pole.damping,

@@ -161,23 +161,25 @@ impl Stretch<'_> {
     pub fn subband(&self, fit: &Fit, half_hz: f64, others: &[Fit]) -> Option<Subband> {
         let (middle, half) = fit.band_hz;
         let [level, slope] = fit.value.smooth;
-        self.band_series(fit, half_hz, others, |f| {
+        self.band_series(fit, (half_hz, half_hz), others, |f| {
             level + slope * ((f - middle) / half) + fit.beyond_linear(f)
         })
     }
 
-    /// Time series of a band about a resonance, less the transients of `others` and `smooth`.
+    /// Time series of a band about a resonance, so far below and above it, weighted for its pole; less the transients of `others` and
+    /// `smooth`.
     pub(super) fn band_series(
         &self,
         fit: &Fit,
-        half_hz: f64,
+        (below_hz, above_hz): (f64, f64),
         others: &[Fit],
         smooth: impl Fn(f64) -> Complex<f64>,
     ) -> Option<Subband> {
         let f = fit.resonance.frequency_hz;
         let limits = self.limits(f, others);
-        let half = half_hz.max(LEAST_LINES / self.coefficients.duration_s);
-        let (low, high) = ((f - half).max(limits.0), (f + half).min(limits.1));
+        let least = LEAST_LINES / self.coefficients.duration_s;
+        let (low, high) = (f - below_hz.max(least), f + above_hz.max(least));
+        let (low, high) = (low.max(limits.0), high.min(limits.1));
         if self.masks.iter().any(|m| m.low_hz < high && m.high_hz > low) {
             return None;
         }

@@ -12,6 +12,8 @@ use crate::signal::spectrum::{
 
 /// Fewest periods of a frequency in a record for it to be searched.
 const LEAST_PERIODS: f64 = 15.0;
+/// Least probability of an assignment that shows the rod to be in view.
+const LIKELY: f64 = 0.1;
 /// Highest frequency searched, as a share of the sample rate.
 const HIGHEST: f64 = 0.48;
 /// Stretches from the onset searched for the peaks of a free decay \[s\]: a quickly damped mode drowns in the
@@ -139,7 +141,11 @@ impl ModalPlan {
         let (low_hz, high_hz) = self.labels.band_hz();
         let searchable = searchable_hz(duration_s, fs_hz);
         let labelled = if resonances.is_empty() {
-            Err((Rejection::NoPeak { low_hz, high_hz }, None))
+            let rejection = Rejection::NoPeak {
+                low_hz: low_hz.max(searchable.0),
+                high_hz: high_hz.min(searchable.1),
+            };
+            Err((rejection, None))
         } else {
             self.labels
                 .label(resonances, searchable, kind)
@@ -163,7 +169,7 @@ impl ModalPlan {
                         duration_s,
                         needed_s: LEAST_PERIODS / low_hz,
                     }
-                } else if UNDERSAMPLED * fs_hz < needed_hz {
+                } else if UNDERSAMPLED * fs_hz < needed_hz && !is_series_seen(labels.as_ref()) {
                     Rejection::Undersampled { fs_hz, needed_hz }
                 } else {
                     rejection
@@ -206,6 +212,12 @@ impl PeakSearch {
         let welch = self.welch(record.fs_hz, nperseg).map_err(too_short)?;
         let spectrum = welch.run(&record.samples).map_err(too_short)?;
         let mut peaks = pick_peaks(&spectrum, &self.peaks, low_hz, high_hz);
+        let unmasked = |peak: &Peak| {
+            let is_in = |mask: &Mask| (mask.low_hz..=mask.high_hz).contains(&peak.frequency_hz);
+            !self.masks.iter().any(is_in)
+        };
+        // The time scale of onsets and parts is the rod's, not that of a hum that is left out.
+        peaks.retain(unmasked);
         let strongest = peaks.iter().max_by(|a, b| a.height_db.total_cmp(&b.height_db));
         let parts = Parts::of(record, strongest.map(|peak| peak.frequency_hz));
         if !parts.releases.is_empty() {
@@ -222,12 +234,7 @@ impl PeakSearch {
                 self.add_decay_peaks(&mut peaks, record.fs_hz, decay, stretch_s, (low_hz, high_hz));
             }
         }
-        peaks.retain(|p| {
-            !self
-                .masks
-                .iter()
-                .any(|m| (m.low_hz..=m.high_hz).contains(&p.frequency_hz))
-        });
+        peaks.retain(unmasked);
         let search = Search {
             masks: &self.masks,
             line_hz: spectrum.df_hz,
@@ -280,6 +287,14 @@ impl PeakSearch {
         }
         peaks.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     }
+}
+
+/// True if a likely assignment names two orders or more: the rod is in view, and what hinders is something else than the sample rate.
+fn is_series_seen(labels: Option<&Labels>) -> bool {
+    labels.is_some_and(|labels| {
+        let mut all = labels.candidates.iter();
+        all.any(|one| one.probability >= LIKELY && one.modes.len() >= 2)
+    })
 }
 
 /// Range of frequencies with enough periods in a record of a length \[s\] and enough samples per period at its

@@ -14,6 +14,9 @@ const HALF: f64 = 0.12;
 const AFTER: f64 = 2.0;
 const BEFORE: f64 = 10.0;
 const BEFORE_LEAST: f64 = 0.5;
+/// Periods before an instant from which on the ratio decides alone: within fewer, modes that cancel for a moment look like quiet, and the
+/// ratio must be larger by the square of what is missing.
+const SURE_BEFORE: f64 = 3.0;
 /// Ratio of the mean squared slopes that makes an onset.
 const RATIO: f64 = 25.0;
 /// Share of that ratio above which motion must continue after the stretch; otherwise it was a spike.
@@ -44,6 +47,7 @@ pub fn releases(samples: &[f64], fs_hz: f64, scale_hz: f64) -> Vec<Release> {
     let slope = Slope::of(samples, half);
     let mean = |from: usize, to: usize| slope.mean_square(from, to);
     let floor = slope.floor();
+    let period = fs_hz / scale_hz;
     let mut found = Vec::new();
     // The instant of the highest ratio in a run of instants above the limit.
     let mut best: Option<(f64, usize)> = None;
@@ -58,7 +62,9 @@ pub fn releases(samples: &[f64], fs_hz: f64, scale_hz: f64) -> Vec<Release> {
             let drift = later.iter().sum::<f64>() / after as f64;
             drift * drift < STEADY * goes_on
         };
-        if ratio > RATIO && goes_on > PERSISTS * level && goes_on > 4.0 * quiet && swings() {
+        let before = (at - half).min(count(BEFORE)) as f64 / period;
+        let limit = RATIO * (SURE_BEFORE / before).max(1.0).powi(2);
+        if ratio > limit && goes_on > PERSISTS * level && goes_on > 4.0 * quiet && swings() {
             if best.is_none_or(|(highest, _)| ratio > highest) {
                 best = Some((ratio, at));
             }

@@ -41,8 +41,8 @@ pub enum Pair {
     One,
     /// Perhaps there are two; the distance \[Hz\] of one from the other, or from the single fit, if so.
     Open(f64),
-    /// Two modes.
-    Two([Member; 2]),
+    /// Two modes, in the order of the guess, and the second's peak power over the first's.
+    Two([Member; 2], f64),
 }
 
 /// Judges a series that `single` was fitted to, with `noise` over the power of its innovations; `guess` are the poles
@@ -128,7 +128,7 @@ pub fn pair(series: &Subband, single: Pole, noise: f64, guess: Option<[Pole; 2]>
         .map(|m| (m.pole.frequency_hz - single.frequency_hz).abs())
         .fold(0.0, f64::max);
     if gain > CERTAIN && sane {
-        Pair::Two(members)
+        Pair::Two(members, share)
     } else if gain > OPEN {
         Pair::Open(far)
     } else {

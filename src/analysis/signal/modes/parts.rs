@@ -6,6 +6,10 @@ use crate::signal::record::{Excitation, Record};
 
 /// Shortest part that is fitted, in periods of the strongest peak: its band then holds two dozen lines.
 const LEAST_PERIODS: f64 = 36.0;
+/// Shortest decay that is fitted where no part is longer, in periods of the strongest peak.
+const LEAST_DECAY_PERIODS: f64 = 15.0;
+/// Fewest samples of a part that a spectrum is made of.
+const LEAST_SAMPLES: usize = 64;
 /// Least ratio of the mean square motion in the first quarter of a decay to that in the last.
 const FALLS: f64 = 4.0;
 
@@ -75,7 +79,13 @@ impl Parts {
                     let motion = |part: &Part| motion(&samples[part.from..part.to]);
                     motion(a).total_cmp(&motion(b))
                 });
-                parts.main = most.unwrap_or(whole);
+                parts.main = most
+                    .or_else(|| parts.short_decay(samples, scale_hz / record.fs_hz))
+                    .unwrap_or(whole);
+                if parts.main == whole {
+                    // What is told of the motion is what was fitted.
+                    parts.releases.clear();
+                }
             }
             (None, None) => {}
         }
@@ -100,6 +110,25 @@ impl Parts {
             (from, beginning) = (after.max(from), Beginning::Known(Start::Free));
         }
         parts
+    }
+
+    /// The motion after a release that moves most, where every part is shorter than [`LEAST_PERIODS`]: a fit across the release
+    /// would fit neither the quiet nor the decay. `None` if none has [`LEAST_DECAY_PERIODS`].
+    fn short_decay(&self, samples: &[f64], cycles_per_sample: f64) -> Option<Part> {
+        let least = ((LEAST_DECAY_PERIODS / cycles_per_sample).ceil() as usize).max(LEAST_SAMPLES);
+        let ends = self.releases.iter().skip(1).map(|next| next.before);
+        let decays = self.releases.iter().zip(ends.chain([self.total]));
+        decays
+            .filter(|(release, to)| *to >= release.after + least)
+            .map(|(release, to)| Part {
+                from: release.after,
+                to,
+                beginning: Beginning::Known(Start::Free),
+            })
+            .max_by(|a, b| {
+                let motion = |part: &Part| motion(&samples[part.from..part.to]);
+                motion(a).total_cmp(&motion(b))
+            })
     }
 
     /// Shortest part worth a fit, in samples.

@@ -19,6 +19,8 @@ use crate::signal::spectrum::{Peak, Transforms};
 const MODEL_SD: f64 = 3e-7;
 /// Largest error of ln damping, and least damping, of a usable fit.
 const MOST_LOG_SD: f64 = 2.0;
+/// Scatter of the parts' frequencies over their errors that chance does not make: the 1 % point of two parts.
+const CHANCE_SPREAD: f64 = 2.6;
 /// Bandwidth searched for blows, as a share of the frequency.
 const BLOW_BAND: f64 = 0.11;
 /// Samples of the coarsest series to either end of a stretch where blows are ignored.
@@ -75,6 +77,8 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
         Some(_) => Vec::new(),
     };
     let mut whole = stretch.with_errors(&places);
+    // Only fits with their errors are classified as mode or tone.
+    let judged: Vec<Fit> = whole.iter().flatten().copied().collect();
     let parts = work.parts(&weak);
     let mut fits: Vec<Vec<Fit>> = vec![Vec::new(); aims.len()];
     if record.excitation.is_none() && (parts.len() > 1 || parts.first() != Some(&main)) {
@@ -133,7 +137,7 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
     resonances.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     Refinement {
         resonances,
-        motion: work.motion(main, &first, &weak),
+        motion: work.motion(main, &judged, &weak),
     }
 }
 
@@ -227,11 +231,14 @@ impl<'a> Work<'a> {
             };
             return Motion { kind, onsets_s };
         }
+        let is_sure = |fit: &Fit| !fit.resonance.line && fit.resonance.foreign_log_odds <= 0.0;
+        let is_sure_seen = fits.iter().any(is_sure);
         let decays_at_once = main.beginning == Beginning::Tested
             && fits
                 .iter()
-                // A tone goes on from the first sample to the last, which a free start explains, too.
-                .filter(|fit| !fit.resonance.line)
+                // A tone goes on from the first sample to the last, which a free start explains, too; so does what may be one,
+                // where a sure mode is there to ask.
+                .filter(|fit| !fit.resonance.line && (!is_sure_seen || is_sure(fit)))
                 .max_by(|a, b| a.resonance.peak_to_noise.total_cmp(&b.resonance.peak_to_noise))
                 .is_some_and(|fit| fit.start == Start::Free);
         let mut onsets_s: Vec<f64> = self
@@ -280,10 +287,16 @@ fn combined(whole: &Fit, parts: &[Fit]) -> Resonance {
         .map(|fit| weight(fit) * (fit.resonance.frequency_hz - frequency_hz).powi(2))
         .sum();
     let spread = (chi2 / (counted.len() - 1).max(1) as f64).sqrt().max(1.0);
-    let sd = (spread / total.sqrt()).hypot(mean(|fit| fit.shared_sd_hz));
-    if sd > main.frequency_sd_hz {
-        return main;
+    let shared_sd_hz = mean(|fit| fit.shared_sd_hz);
+    if total.sqrt().recip().hypot(shared_sd_hz) > main.frequency_sd_hz {
+        // Parts known less well than the main one still show that they disagree.
+        let is_chance = counted.len() < 2 || spread < CHANCE_SPREAD;
+        return Resonance {
+            frequency_sd_hz: main.frequency_sd_hz * if is_chance { 1.0 } else { spread },
+            ..main
+        };
     }
+    let sd = (spread / total.sqrt()).hypot(shared_sd_hz);
     let counted: Vec<&Resonance> = counted.into_iter().map(|fit| &fit.resonance).collect();
     let log_weight = |r: &Resonance| r.damping_log_sd.max(1e-6).powi(-2);
     let log_total: f64 = counted.iter().map(|r| log_weight(r)).sum();

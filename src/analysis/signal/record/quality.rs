@@ -34,6 +34,9 @@ const STAY_S: f64 = 0.25;
 const FEW_SPIKES: usize = 3;
 /// Ratio of the motion after a blow to that before it, at least.
 const BLOW: f64 = 5.0;
+/// Samples to either side of an outlier that tell how rough the motion is there, and the fewest that do.
+const SURROUNDINGS: usize = 32;
+const LEAST_SURROUNDINGS: usize = 16;
 /// Most samples that measure the motion beside a spike: a tenth of a second at rates to 40 kHz, thinned
 /// evenly beyond.
 const BESIDE: usize = 4096;
@@ -338,7 +341,7 @@ fn despike(samples: &mut [f64], fs_hz: f64, step: f64) -> Spikes {
         }
     }
     for run in runs.into_iter().filter(|run| run.len() <= 3) {
-        if is_blow(samples, fs_hz, &run) {
+        if is_blow(samples, fs_hz, &run) || is_motion(samples, &run) {
             continue;
         }
         let original = samples[run.clone()].to_vec();
@@ -354,6 +357,32 @@ fn despike(samples: &mut [f64], fs_hz: f64, step: f64) -> Spikes {
             .sum::<f64>();
     }
     spikes
+}
+
+/// True if the samples beside an outlier are about as rough as itself: a struck rod's returning wave, not a spike. The scale of
+/// a block of one second is that of the quiet before a blow, wherever that is most of the block.
+fn is_motion(samples: &[f64], run: &Range<usize>) -> bool {
+    // Neither the run nor the samples that its own roughness reaches.
+    let before = run.start.saturating_sub(SURROUNDINGS + 1).max(1)..run.start.saturating_sub(1);
+    let after = (run.end + 1)..(run.end + 1 + SURROUNDINGS).min(samples.len() - 1);
+    let level = |range: Range<usize>| {
+        let mut rough: Vec<f64> = range
+            .map(|i| (samples[i] - 0.5 * (samples[i - 1] + samples[i + 1])).abs())
+            .collect();
+        median(&mut rough) / 0.6745
+    };
+    let middle = |range: Range<usize>| {
+        let mut near = samples[range].to_vec();
+        median(&mut near)
+    };
+    let near = middle(run.start.saturating_sub(4)..(run.end + 4).min(samples.len()));
+    let height = samples[run.clone()]
+        .iter()
+        .fold(0.0, |most: f64, x| most.max((x - near).abs()));
+    let sides = [before, after]
+        .into_iter()
+        .filter(|side| side.len() >= LEAST_SURROUNDINGS);
+    sides.map(level).any(|level| height < SPIKE * level)
 }
 
 /// True if the rod moves much more behind an outlier than before it: a hammer's blow, not an electric spike.

@@ -134,14 +134,28 @@ pub enum Rejection {
     },
     /// No peak is above the noise.
     #[error(
-        "no spectral peak stands above the noise between {low_hz:.2} and {high_hz:.2} Hz, where the prior expects the modes: look \
-         for peaks elsewhere with `tirante spectrum`, record longer or nearer mid-span, or pull the rod and let it go"
+        "no spectral peak stands above the noise between {low_hz:.2} and {high_hz:.2} Hz, where the prior expects the modes and the \
+         sample rate shows them: look for peaks elsewhere with `tirante spectrum`, record longer or nearer mid-span, or pull the rod and let it go"
     )]
     NoPeak {
         /// Lower end of the searched band \[Hz\].
         low_hz: f64,
         /// Upper end \[Hz\].
         high_hz: f64,
+    },
+    /// The band asked for lies outside what the record can show.
+    #[error(
+        "nothing of the band {low_hz} to {high_hz} Hz is left: this record shows {lowest_hz:.2} to {highest_hz:.2} Hz"
+    )]
+    NoBand {
+        /// Lower end of the band \[Hz\].
+        low_hz: f64,
+        /// Upper end \[Hz\].
+        high_hz: f64,
+        /// Lowest frequency with enough periods \[Hz\].
+        lowest_hz: f64,
+        /// Highest frequency with enough samples a period \[Hz\].
+        highest_hz: f64,
     },
     /// There are peaks, but no assignment to mode orders is credible.
     #[error("cannot number the modes of {peaks} peak{}: {detail}", if *peaks == 1 { "" } else { "s" })]
@@ -254,6 +268,7 @@ impl Rejection {
             Self::Level { .. } => "level",
             Self::Damaged { .. } => "damaged",
             Self::NoPeak { .. } => "no-peak",
+            Self::NoBand { .. } => "no-band",
             Self::NoLabel { .. } => "no-label",
             Self::OutsideEmulator { .. } => "outside-emulator",
             Self::OutsidePrior { .. } => "outside-prior",

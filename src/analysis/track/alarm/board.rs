@@ -109,6 +109,18 @@ impl<'a> Board<'a> {
         }
     }
 
+    /// Reports an alarm that has become another: once more if it is not acknowledged, else as a new one in its place.
+    pub fn tell_anew(&mut self, kind: Kind, time: Timestamp, message: String, known: Known) {
+        let is_active = |alarm: &Alarm| alarm.kind == kind && alarm.cleared.is_none();
+        let is_open = |alarm: &Alarm| is_active(alarm) && alarm.acknowledged.is_none();
+        if self.alarms.iter().any(is_open) {
+            self.tell_again(time, &message, &known, is_open);
+        } else {
+            self.clear_where(is_active, time);
+            self.raise(kind, time, message, known);
+        }
+    }
+
     /// Ends the condition of the alarms of this kind.
     pub fn clear(&mut self, kind: Kind, time: Timestamp) {
         self.clear_where(|alarm| alarm.kind == kind, time);
@@ -214,6 +226,34 @@ mod tests {
         assert!(board.acknowledge(&id, day(4)) && !board.acknowledge(&id, day(5)));
         assert_eq!(board.into_events().len(), 1);
         assert!(alarms.is_empty());
+    }
+
+    #[test]
+    fn what_became_another_is_told_once_more_or_in_its_place() {
+        let rod = RodId("r".into());
+        let mut alarms = Vec::new();
+        let mut board = Board::new(&rod, 1, &mut alarms);
+        board.raise(Kind::Drift, day(0), "fell".into(), Known::default());
+        board.tell_anew(Kind::Drift, day(1), "fell more".into(), Known::default());
+        let first = board.into_events()[0].alarm.id.clone();
+        assert_eq!((alarms.len(), &alarms[0].id), (1, &first));
+        let mut board = Board::new(&rod, 1, &mut alarms);
+        assert!(board.acknowledge(&first, day(2)));
+        board.tell_anew(Kind::Drift, day(3), "fell still more".into(), Known::default());
+        let told: Vec<(What, bool)> = board
+            .into_events()
+            .iter()
+            .map(|event| (event.what, event.alarm.id == first))
+            .collect();
+        assert_eq!(
+            told,
+            [
+                (What::Acknowledged, true),
+                (What::Cleared, true),
+                (What::Raised, false)
+            ]
+        );
+        assert_eq!((alarms.len(), alarms[0].acknowledged), (1, None));
     }
 
     #[test]

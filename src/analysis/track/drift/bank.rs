@@ -1,11 +1,11 @@
 //! One bank of Kalman filters with unknown noise: the conjugate law of coefficients, fluctuation and noise variance for every
 //! member, and the mixture of their predictive laws.
 //!
-//! For a period with ratio y, stated error s and columns X, and an onset's regressor h (0 without one, 1 for a step, years
+//! For a period with ratio y, stated error s (typically s1) and columns X, and an onset's regressor h (0 without one, 1 for a step, years
 //! since the onset for a ramp), a member holds the state x = (c, a, b_1.., v, u):
 //!
 //! ```text
-//! y = c h + a + X b + v + u + sigma sqrt(R) e,       R = 0.3 + 0.7 (s / s0)^2,     e ~ N(0, 1)
+//! y = c h + a + X b + v + u + sigma sqrt(R) e,       R = 0.3 + 0.7 (s / s1)^2,     e ~ N(0, 1)
 //! u <- f u + sigma sqrt(r (1 - f^2)) n,              f = exp(-gap / tau);           v likewise with r2, tau2
 //! sigma^2 ~ inverse gamma(alpha, beta),              cov(x) = sigma^2 P
 //! ```
@@ -257,6 +257,7 @@ mod tests {
     /// A prior of two columns and a single member with memory.
     fn single() -> BankPrior {
         BankPrior {
+            stated_sd: 0.002,
             noise_sd: 0.002,
             intercept_sd: 0.03,
             columns: vec![

@@ -42,19 +42,23 @@ struct Level {
 
 impl Compensated {
     /// One before its first period: `reference_c` is the reference temperature, `origin` the day of the period.
-    pub fn new(
-        prior: BankPrior,
-        reference_c: f64,
-        origin: f64,
-        knows_others: bool,
-        knows_temperature: bool,
-    ) -> Self {
+    pub fn new(prior: BankPrior, reference_c: f64, origin: f64, knows_temperature: bool) -> Self {
         Self {
             detector: Detector::new(prior),
             regressors: Regressors { reference_c, origin },
-            knows_others,
+            knows_others: false,
             knows_temperature,
             level: Level::default(),
+        }
+    }
+
+    /// A copy that knows the other rods, too; `has_say`: with its evidence of changes.
+    pub fn with_others(&self, has_say: bool) -> Self {
+        Self {
+            detector: self.detector.with_others(has_say),
+            knows_others: true,
+            level: Level::default(),
+            ..self.clone()
         }
     }
 

@@ -37,7 +37,7 @@ impl Detector {
                 began: *day,
                 measured: *day,
                 ratio: 0.0,
-                sd: self.prior().noise_sd,
+                sd: self.prior().stated_sd,
                 columns,
             };
             let mut row = Row::new(self.prior(), &seen)?;

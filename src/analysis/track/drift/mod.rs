@@ -10,6 +10,7 @@
 //! * [`change`]     onset, size and shape of a change
 //! * `compensated`  a detector with temperature, and the level of commissioning
 //! * [`companions`] the other rods' median, steady while some are missing
+//! * `gain`         a rod's part in what all rods of a site follow
 //! * `onset`        onsets that a particle stands for
 //! * `least`        smallest change that would be detected by a given day
 //! * [`regressors`] filters of temperature readings, curvature, transients, a yearly cycle, other rods
@@ -23,6 +24,9 @@ pub mod companions;
 mod compensated;
 mod densities;
 pub mod detector;
+#[cfg(test)]
+mod first_weeks;
+mod gain;
 mod least;
 mod level;
 mod member;
@@ -32,6 +36,8 @@ pub mod period;
 pub mod prior;
 pub mod regressors;
 pub mod row;
+#[cfg(test)]
+mod stand_in;
 pub mod watch;
 
 pub use change::Change;

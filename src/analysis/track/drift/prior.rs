@@ -45,13 +45,19 @@ pub struct Fluctuation {
     pub probability: f64,
 }
 
-/// Least and largest credible typical error.
-const NOISE_SD: [f64; 2] = [1e-5, 0.1];
+/// Least and largest credible typical error that records state.
+const STATED_SD: [f64; 2] = [1e-5, 0.1];
+/// Least noise of the force expected beforehand: a force fluctuates, and one reading of the temperature misses what a day does to it,
+/// however well the frequencies are known. Less is learned in weeks; where a fluctuation is more than a hundred times what is expected,
+/// a change would explain it better than any member.
+const LEAST_NOISE_SD: f64 = 1.5e-3;
 
 /// Prior of a bank before the first period.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BankPrior {
     /// Typical stated standard error of a period's ratio.
+    pub stated_sd: f64,
+    /// Standard deviation of the noise beforehand, s0.
     pub noise_sd: f64,
     /// Standard deviation of the intercept.
     pub intercept_sd: f64,
@@ -81,7 +87,7 @@ impl BankPrior {
     /// Thermometer: filters of its readings, curvature, two transients, a yearly pair.
     ///
     /// The columns are those of [`super::Regressors::thermal`]. The slope's mean is put on the filter of six hours.
-    pub fn thermal(noise_sd: f64, thermal: ThermalPrior) -> Self {
+    pub fn thermal(stated_sd: f64, thermal: ThermalPrior) -> Self {
         let slope = thermal.slope_sd_per_k.abs();
         let filters = [1.0, 1.0, 1.0, 0.4, 0.3, 0.3];
         let mut columns: Vec<Coefficient> = filters.iter().map(|share| centred(share * slope)).collect();
@@ -90,7 +96,8 @@ impl BankPrior {
         columns.extend([centred(TRANSIENT_SD); 2]);
         columns.extend([centred(YEARLY_SD[0]); 2]);
         Self {
-            noise_sd: believable(noise_sd),
+            stated_sd: believable(stated_sd),
+            noise_sd: believable(stated_sd).max(LEAST_NOISE_SD),
             intercept_sd: INTERCEPT_SD,
             columns,
             members: beside_a_cause(),
@@ -99,9 +106,10 @@ impl BankPrior {
     }
 
     /// A force without effect of temperature: a yearly pair.
-    pub fn unmoved(noise_sd: f64) -> Self {
+    pub fn unmoved(stated_sd: f64) -> Self {
         Self {
-            noise_sd: believable(noise_sd),
+            stated_sd: believable(stated_sd),
+            noise_sd: believable(stated_sd).max(LEAST_NOISE_SD),
             intercept_sd: INTERCEPT_SD,
             columns: vec![centred(YEARLY_SD[0]); 2],
             members: beside_a_cause(),
@@ -111,18 +119,24 @@ impl BankPrior {
 
     /// Thermometer and other rods: the columns of [`BankPrior::thermal`], then the median of the other rods' ratios and its
     /// square.
-    pub fn thermal_and_peers(noise_sd: f64, thermal: ThermalPrior) -> Self {
-        let mut prior = Self::thermal(noise_sd, thermal);
-        prior.columns.extend(MEDIAN_SD.map(centred));
+    pub fn thermal_and_peers(stated_sd: f64, thermal: ThermalPrior) -> Self {
+        let mut prior = Self::thermal(stated_sd, thermal);
+        prior.columns.extend(Self::of_median());
         prior
     }
 
+    /// Laws of the coefficients of the other rods' median beside a thermometer, and of its square.
+    pub(super) fn of_median() -> [Coefficient; 2] {
+        MEDIAN_SD.map(centred)
+    }
+
     /// Other rods only: their median, its square, a yearly pair.
-    pub fn peers(noise_sd: f64) -> Self {
+    pub fn peers(stated_sd: f64) -> Self {
         let [mean, sd, square_sd] = ONLY_MEDIAN;
         let yearly = centred(YEARLY_SD[1]);
         Self {
-            noise_sd: believable(noise_sd),
+            stated_sd: believable(stated_sd),
+            noise_sd: believable(stated_sd).max(LEAST_NOISE_SD),
             intercept_sd: INTERCEPT_SD,
             columns: vec![Coefficient { mean, sd }, centred(square_sd), yearly, yearly],
             members: beside_other_rods(),
@@ -131,9 +145,10 @@ impl BankPrior {
     }
 
     /// The rod's own data only: a yearly pair, and members that allow for the weather.
-    pub fn blind(noise_sd: f64) -> Self {
+    pub fn blind(stated_sd: f64) -> Self {
         Self {
-            noise_sd: believable(noise_sd),
+            stated_sd: believable(stated_sd),
+            noise_sd: believable(stated_sd).max(LEAST_NOISE_SD),
             intercept_sd: INTERCEPT_SD,
             columns: vec![centred(YEARLY_SD[2]); 2],
             members: beside_nothing(),
@@ -148,11 +163,11 @@ impl BankPrior {
 }
 
 /// Limits a stated error so that it can scale a prior.
-fn believable(noise_sd: f64) -> f64 {
-    if noise_sd.is_finite() {
-        noise_sd.clamp(NOISE_SD[0], NOISE_SD[1])
+fn believable(stated_sd: f64) -> f64 {
+    if stated_sd.is_finite() {
+        stated_sd.clamp(STATED_SD[0], STATED_SD[1])
     } else {
-        NOISE_SD[1]
+        STATED_SD[1]
     }
 }
 

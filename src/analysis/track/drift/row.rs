@@ -71,7 +71,7 @@ impl Row {
         if !is_sane {
             return None;
         }
-        let share = (seen.sd / prior.noise_sd).clamp(0.0, GREATEST_ERROR);
+        let share = (seen.sd / prior.stated_sd).clamp(0.0, GREATEST_ERROR);
         let mut x = Vec::with_capacity(seen.columns.len() + 4);
         x.extend([0.0, 1.0]);
         x.extend_from_slice(seen.columns);

@@ -9,8 +9,9 @@
 //!
 //! A drifting thermometer moves every rod's compensated detector, but not the rods relative to each other: a
 //! drift that `peers` also detects is confirmed; rods whose compensated detectors move together are one notice
-//! of the site. A detector that stands in counts only what began since a better-informed one last looked: before, that one
-//! saw more. Another rod that drifts moves the median: a rod that shows a change only relative to the
+//! of the site. Any of its J rods may bring that on, so that it needs J times the evidence of an alarm: the bound on false ones is
+//! one for the site. A detector that stands in counts only what began since a better-informed one last looked and saw little: before,
+//! that one saw more, and what it had begun to see is not lost with it. Another rod that drifts moves the median: a rod that shows a change only relative to the
 //! median waits a few periods while a rod in the median shows a larger one. Once that rod is reported, the
 //! median goes on without its change.
 
@@ -31,12 +32,16 @@ const MOVING_SHARE: f64 = 0.25;
 /// Upper limit of the evidence: R grows without bound while a change lasts.
 const MOST_EVIDENCE: f64 = 1e12;
 
-/// Standard deviations of the predictive law from which a sudden change is reported at once.
-const TOLD_SD: f64 = 4.0;
+/// Standard deviations of the predictive law from which a sudden change is reported within days without a temperature: a smaller
+/// one is learned as weather by the broadest members of the bank.
+const TOLD_SD: f64 = 5.0;
 
 /// Periods between true changes of one rod, in periods between its false alarms: a change that the other rods confirm, and that is
 /// taken off their median, must be as much more certain than an alarm.
 const RARER: f64 = 10.0;
+
+/// Most periods with evidence of a change that a detector leaves to one that stands in for it.
+const SUSPICIOUS_PERIODS: u8 = 3;
 
 /// Settings of a watch besides its periods.
 #[derive(Debug, Clone, Copy)]
@@ -74,15 +79,38 @@ pub struct DriftWatch {
     without_others: u32,
     /// Number of periods in a row that no detector with temperature took.
     without_temperature: u32,
-    /// Mean times of the last periods that a detector with temperature took, and one with the other rods \[d\].
-    temperature_until: Option<f64>,
-    others_until: Option<f64>,
+    /// Until when a detector with temperature looked, one with the other rods, and the one with both.
+    by_temperature_until: Looked,
+    by_others_until: Looked,
+    by_both_until: Looked,
     /// True once this rod moved together with others of which one reported it.
     has_joined: bool,
     /// Sources of the last period: temperature, other rods.
     last: Sources,
     /// Detectors above their limit after the last period.
     above: Above,
+}
+
+/// Mean time \[d\] of the last period that a detector took with little evidence of a change afterwards, or of one soon after it: what
+/// it had begun to see must not be forgotten when it loses its inputs, and it tells a large change within so many periods.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+struct Looked {
+    until: Option<f64>,
+    /// Number of periods since, with more evidence.
+    suspicious: u8,
+}
+
+impl Looked {
+    /// Takes a period after which a detector has some evidence of a change since.
+    fn note(&mut self, measured: f64, detector: Option<&Detector>) {
+        let Some(detector) = detector else { return };
+        let is_suspicious = detector.statistic_since(self.until) > MOVING;
+        if is_suspicious && self.suspicious < SUSPICIOUS_PERIODS {
+            self.suspicious += 1;
+        } else {
+            (self.until, self.suspicious) = (Some(measured), 0);
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -134,6 +162,8 @@ pub(crate) enum Finding {
     Drift(Witness),
     /// It moved together with other rods: thermometer, weather, or the whole structure.
     Common,
+    /// It seems to move together with other rods; a notice of the site needs more evidence.
+    Waiting,
 }
 
 impl DriftWatch {
@@ -150,8 +180,9 @@ impl DriftWatch {
             companions: Companions::default(),
             without_others: 0,
             without_temperature: 0,
-            temperature_until: None,
-            others_until: None,
+            by_temperature_until: Looked::default(),
+            by_others_until: Looked::default(),
+            by_both_until: Looked::default(),
             has_joined: false,
             last: Sources::default(),
             above: Above::default(),
@@ -170,9 +201,13 @@ impl DriftWatch {
 
     /// R of the detector with the most inputs of late.
     pub fn evidence(&self) -> f64 {
-        let detector = self.current_watching().map(|one| &one.detector);
-        let informed = detector.or(self.current_peers());
-        informed.unwrap_or(&self.blind).statistic()
+        if self.current_watching().is_some() {
+            return self.watching_statistic();
+        }
+        match self.current_peers() {
+            Some(peers) => peers.statistic_since(self.by_temperature_until.until),
+            None => self.blind.statistic_since(self.informed_until()),
+        }
     }
 
     /// R of the detector with the most inputs that does not use the other rods, so that no other rod can raise it.
@@ -181,7 +216,7 @@ impl DriftWatch {
         let by_temperature = self.by_temperature.as_ref().or_else(knows_no_others);
         match by_temperature.filter(|_| self.last.alone) {
             Some(one) => one.detector.statistic(),
-            None => self.blind.statistic(),
+            None => self.blind.statistic_since(self.by_temperature_until.until),
         }
     }
 
@@ -197,10 +232,13 @@ impl DriftWatch {
             .map_or(0.0, |size| size * odds / (1.0 + odds))
     }
 
-    /// Mean time of the last period that a detector with temperature or other rods took \[d\].
+    /// Time until which a detector with temperature or other rods looked \[d\].
     fn informed_until(&self) -> Option<f64> {
-        let times = self.temperature_until.into_iter().chain(self.others_until);
-        times.reduce(f64::max)
+        let looked = [self.by_temperature_until, self.by_others_until];
+        looked
+            .into_iter()
+            .filter_map(|looked| looked.until)
+            .reduce(f64::max)
     }
 
     /// Size of the change as it stands now, as a share of the force; zero without one.
@@ -247,7 +285,7 @@ impl DriftWatch {
             None if found.has_few => u32::MAX,
             None => self.without_others.saturating_add(1),
         };
-        self.begin(terms, period, others);
+        self.begin(terms, period, median.is_some());
         let regressors = Regressors {
             reference_c: 0.0,
             origin: self.origin,
@@ -297,12 +335,7 @@ impl DriftWatch {
         } else {
             self.without_temperature.saturating_add(1)
         };
-        if self.last.temperature {
-            self.temperature_until = Some(measured);
-        }
-        if self.last.others {
-            self.others_until = Some(measured);
-        }
+        self.note_what_looked(measured);
         let blind_law = self.blind.step(&seen(period, &regressors.blind(day)));
         self.look(terms.limit);
         // After the look: periods since the onset of a change that is reported now are no part of the level.
@@ -315,6 +348,9 @@ impl DriftWatch {
             sd: period.delta_sd,
             leverage: 1.0,
         });
+        // Beside a better-informed one its evidence is shown whole; standing in, it counts as that of an alarm does.
+        let stands_in = !(self.last.temperature || self.last.others);
+        let blind_since = self.informed_until().filter(|_| stands_in);
         let over = |statistic: f64| (statistic / terms.limit).min(MOST_EVIDENCE);
         Charted {
             expected: law.mean,
@@ -329,50 +365,60 @@ impl DriftWatch {
                 .filter(|_| terms.thermal.is_some()),
             evidence: Evidence {
                 // What did not take the period says nothing of it.
-                compensated: (self.watching().filter(|_| self.last.temperature))
-                    .map(|one| over(one.detector.statistic())),
+                compensated: (self.last.temperature).then(|| over(self.watching_statistic())),
                 peers: (self.peers.as_ref().filter(|_| self.last.others)).map(|one| over(one.statistic())),
-                blind: Some(over(self.blind.statistic())),
+                blind: Some(over(self.blind.statistic_since(blind_since))),
             },
         }
     }
 
-    /// Begins the compensated detector with the first period that has its inputs. One without other rods
-    /// becomes that with temperature only once there are some.
-    fn begin(&mut self, terms: &Terms, period: &Period, others: &Others) {
-        let knows_others = others.count() >= companions::FEWEST;
-        if let Some(known) = &self.compensated {
-            if known.knows_others || !known.knows_temperature || !knows_others || period.filtered_c.is_none()
-            {
-                return;
-            }
-            self.by_temperature = self.compensated.take();
+    /// Begins the compensated detector with the first period that has its inputs. Once there are other rods, one with them goes on
+    /// beside it, with all it learned.
+    fn begin(&mut self, terms: &Terms, period: &Period, has_median: bool) {
+        if self.compensated.is_none() {
+            let (prior, reference_c) = match terms.thermal {
+                None => (BankPrior::unmoved(self.noise_sd), 0.0),
+                Some(thermal) => {
+                    let (Some(reference_c), Some(_)) = (terms.reference_c, period.filtered_c) else {
+                        return;
+                    };
+                    (BankPrior::thermal(self.noise_sd, thermal), reference_c)
+                }
+            };
+            let (origin, knows_temperature) = (period.start.days(), terms.thermal.is_some());
+            self.compensated = Some(Compensated::new(prior, reference_c, origin, knows_temperature));
         }
-        let (prior, reference_c) = match terms.thermal {
-            None => (BankPrior::unmoved(self.noise_sd), 0.0),
-            Some(thermal) => {
-                let (Some(reference_c), Some(_)) = (terms.reference_c, period.filtered_c) else {
-                    return;
-                };
-                let prior = if knows_others {
-                    BankPrior::thermal_and_peers(self.noise_sd, thermal)
-                } else {
-                    BankPrior::thermal(self.noise_sd, thermal)
-                };
-                (prior, reference_c)
-            }
-        };
-        let (origin, knows_temperature) = (period.start.days(), terms.thermal.is_some());
-        let begun = |prior, knows_others| {
-            Compensated::new(prior, reference_c, origin, knows_others, knows_temperature)
-        };
-        if let Some(thermal) = terms
-            .thermal
-            .filter(|_| knows_others && self.by_temperature.is_none())
+        let is_alone = |one: &Compensated| one.knows_temperature && !one.knows_others;
+        if has_median
+            && period.filtered_c.is_some()
+            && let Some(alone) = self.compensated.take_if(|one| is_alone(one))
         {
-            self.by_temperature = Some(begun(BankPrior::thermal(self.noise_sd, thermal), false));
+            // Of a watch made anew, the other rods had their say on what began before.
+            self.compensated = Some(alone.with_others(self.by_both_until.until.is_none()));
+            self.by_temperature = Some(alone);
         }
-        self.compensated = Some(begun(prior, knows_others && terms.thermal.is_some()));
+    }
+
+    /// Notes until when the detectors of this period, measured in the mean at a time \[d\], looked.
+    fn note_what_looked(&mut self, measured: f64) {
+        let [mut temperature, mut both, mut others] = [
+            self.by_temperature_until,
+            self.by_both_until,
+            self.by_others_until,
+        ];
+        let watching = self.watching().filter(|_| self.last.temperature);
+        temperature.note(measured, watching.map(|one| &one.detector));
+        let with_others = watching.filter(|one| one.knows_others);
+        both.note(measured, with_others.map(|one| &one.detector));
+        others.note(measured, self.peers.as_ref().filter(|_| self.last.others));
+        self.by_temperature_until = temperature;
+        self.by_both_until = both;
+        self.by_others_until = others;
+    }
+
+    /// Notes that a detector with the other rods, which is not there any more, looked until a time \[d\].
+    pub(crate) fn looked_beside_others(&mut self, until: f64) {
+        self.by_both_until.until = Some(until);
     }
 
     /// Compensated detector in use: that with the other rods, unless they are absent.
@@ -382,17 +428,30 @@ impl DriftWatch {
         alone.or(self.compensated.as_ref())
     }
 
+    /// Time from which on changes count for the detector in use: one with temperature only stands in for one with the other rods.
+    fn watching_since(&self) -> Option<f64> {
+        self.watching()
+            .filter(|one| !one.knows_others)
+            .and(self.by_both_until.until)
+    }
+
+    /// R of the detector in use.
+    fn watching_statistic(&self) -> f64 {
+        let since = self.watching_since();
+        self.watching()
+            .map_or(0.0, |one| one.detector.statistic_since(since))
+    }
+
     /// Finds the detectors above their limit. Periods since the onset of a change reported now do not count
     /// for commissioning.
     fn look(&mut self, limit: f64) {
         let was_told = self.above.any();
         let is_above = |detector: &Detector, since, limit| detector.statistic_since(since) > limit;
         let peers = |since, limit| (self.peers.as_ref()).is_some_and(|peers| is_above(peers, since, limit));
-        let watching = self.watching();
         self.above = Above {
-            compensated: watching.is_some_and(|one| is_above(&one.detector, None, limit)),
+            compensated: self.watching_statistic() > limit,
             peers: peers(None, RARER * limit),
-            peers_alone: peers(self.temperature_until, limit),
+            peers_alone: peers(self.by_temperature_until.until, limit),
             blind: is_above(&self.blind, self.informed_until(), limit),
         };
         if !was_told
@@ -408,20 +467,29 @@ impl DriftWatch {
         }
     }
 
+    /// True while other rods bear witness.
+    pub(crate) fn has_witnesses(&self) -> bool {
+        self.peers.is_some() && self.without_others <= companions::PATIENCE
+    }
+
     /// Joint finding of the detectors after the last period, `index`. What shows only relative to the median may be another rod;
     /// `is_new`: not for so long that it would have been reported.
     pub(crate) fn finding(&self, others: &Others, index: i64, is_new: bool) -> Finding {
         if is_new && self.evidence_alone() <= MOVING && others.is_one_of_them(index, || self.size()) {
             return Finding::Quiet;
         }
-        let has_witnesses = self.peers.is_some() && self.without_others <= companions::PATIENCE;
-        let is_calm = others.count() < companions::FEWEST
-            || others.moving(index) as f64 <= MOVING_SHARE * others.count() as f64;
+        let has_witnesses = self.has_witnesses();
+        let is_calm = is_calm(others, index);
         if self.above.compensated {
             if has_witnesses && self.above.peers {
                 Finding::Drift(Witness::Confirmed)
             } else if !is_calm {
-                Finding::Common
+                let rods = (others.count() + 1) as f64;
+                if self.watching_statistic() > rods * self.limit {
+                    Finding::Common
+                } else {
+                    Finding::Waiting
+                }
             } else if has_witnesses {
                 Finding::Drift(Witness::Unconfirmed)
             } else {
@@ -470,8 +538,12 @@ impl DriftWatch {
         let is_compensated = self.last.temperature || self.above.compensated;
         let compensated = self.watching().filter(|_| is_compensated);
         let peers = self.peers.as_ref().filter(|_| self.last.others);
-        let first = compensated.map(|one| (&one.detector, None)).into_iter();
-        let second = peers.map(|peers| (peers, self.temperature_until)).into_iter();
+        let first = compensated
+            .map(|one| (&one.detector, self.watching_since()))
+            .into_iter();
+        let second = peers
+            .map(|peers| (peers, self.by_temperature_until.until))
+            .into_iter();
         first.chain(second).chain([(&self.blind, self.informed_until())])
     }
 
@@ -556,6 +628,11 @@ impl DriftWatch {
     pub(crate) fn has_joined(&self) -> bool {
         self.has_joined
     }
+}
+
+/// True unless too many of the other rods move: what moves them together is no change of one.
+pub(crate) fn is_calm(others: &Others, index: i64) -> bool {
+    others.count() < companions::FEWEST || others.moving(index) as f64 <= MOVING_SHARE * others.count() as f64
 }
 
 /// Input of a detector for a period.

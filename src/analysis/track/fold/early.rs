@@ -2,9 +2,11 @@
 //! not a month later.
 //!
 //! The first five records give a provisional baseline; a drift watch runs on the periods measured against it until the baseline
-//! is there. Both are dropped then: the baseline's own watch begins with its first record.
+//! is there. Both are dropped then: the baseline's own watch begins with its first record. A sudden large loss is a `limit` from
+//! single records, as later.
 
-use super::monitor::change_told;
+use super::loss::Loss;
+use super::monitor::{change_told, is_suspect};
 use super::packed::Packed;
 use super::plan::TrackPlan;
 use super::tracker::Tracker;
@@ -12,16 +14,19 @@ use crate::signal::record::{Reading, Timestamp};
 use crate::track::alarm::change::Change;
 use crate::track::alarm::{Kind, Known};
 use crate::track::baseline::Baseline;
-use crate::track::drift::Filters;
 use crate::track::drift::others::Others;
 use crate::track::drift::period::{self, Pending};
-use crate::track::drift::watch::{DriftWatch, Finding};
+use crate::track::drift::watch::{DriftWatch, Finding, Witness};
+use crate::track::drift::{Filters, Law};
 use crate::track::observation::Observation;
-use crate::track::relative::Shift;
+use crate::track::relative::{NoRelative, Shift};
 use serde::{Deserialize, Serialize};
 
 /// Number of records of the provisional baseline.
 pub(crate) const RECORDS: usize = 5;
+
+/// Standard deviation of a rod's temperature from day to day \[K\]: days of 3 K and weather of 2.5 K.
+const WEATHER_K: f64 = 4.0;
 
 /// A provisional baseline and the periods measured against it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -34,6 +39,22 @@ pub struct EarlyWatch {
     watch: Packed<DriftWatch>,
     /// Start of the last record taken.
     taken: Option<Timestamp>,
+    /// True if the last period closed may show the beginning of a change.
+    #[serde(default)]
+    is_suspect: bool,
+}
+
+/// A change found by the early watch, with the detectors behind it.
+type Found = (Change, Witness);
+
+/// One record against the provisional baseline.
+enum Taken {
+    /// Its ratio N_t / N_0 - 1, and the law by which the records before predicted it.
+    Within(f64, Option<Law>),
+    /// Beyond the prepared range, with the bound of its loss.
+    Beyond(Option<Loss>),
+    /// Without a mode of the baseline.
+    Without,
 }
 
 impl EarlyWatch {
@@ -46,6 +67,7 @@ impl EarlyWatch {
             open: Vec::new(),
             watch: Packed::default(),
             taken: None,
+            is_suspect: false,
         }
     }
 
@@ -56,10 +78,16 @@ impl EarlyWatch {
         shift: &Shift,
         observation: &Observation,
         readings: &[Reading],
-    ) -> Option<Change> {
+    ) -> (Taken, Option<Found>) {
         self.taken = Some(observation.start);
         let seed = plan.seed_of(b"early", 0, Some(observation.start));
-        let relative = shift.relative(observation, seed).ok()?;
+        let relative = match shift.relative(observation, seed) {
+            Ok(relative) => relative,
+            Err(NoRelative::OutsideRange) => {
+                return (Taken::Beyond(Loss::bound(&self.baseline, observation)), None);
+            }
+            Err(NoRelative::NoCommonMode) => return (Taken::Without, None),
+        };
         let period_s = plan.track.period_s;
         let index = period::index_of(observation.start, period_s);
         let is_later = self
@@ -71,8 +99,29 @@ impl EarlyWatch {
         } else {
             None
         };
+        let ratio = relative.ratio.mean - 1.0;
+        let law = (self.watch.get())
+            .and_then(|watch| watch.blind_law(observation.start.days(), ratio, relative.ratio.sd))
+            .map(|law| Law {
+                sd: law.sd.hypot(self.weather_sd(plan, shift)),
+                ..law
+            });
         self.open.push(Pending::new(observation, &relative));
-        found
+        (Taken::Within(ratio, law), found)
+    }
+
+    /// The change that the end of the open period would show, if one is suspected. Nothing moves on.
+    fn ahead(&self, plan: &TrackPlan, shift: &Shift, readings: &[Reading]) -> Option<Found> {
+        let mut ahead = Some(self).filter(|early| early.is_suspect)?.clone();
+        ahead.close(plan, shift, readings)
+    }
+
+    /// Standard deviation of the ratio by weather, before the rod has shown its own: a calm week teaches too little.
+    fn weather_sd(&self, plan: &TrackPlan, shift: &Shift) -> f64 {
+        let thermal = plan.terms(&self.baseline, shift, self.reference_c).thermal;
+        thermal.map_or(0.0, |prior| {
+            WEATHER_K * prior.slope_mean_per_k.hypot(prior.slope_sd_per_k)
+        })
     }
 
     /// True if periods were closed, and their watch was of another layout.
@@ -83,7 +132,7 @@ impl EarlyWatch {
     }
 
     /// Closes the open period.
-    fn close(&mut self, plan: &TrackPlan, shift: &Shift, readings: &[Reading]) -> Option<Change> {
+    fn close(&mut self, plan: &TrackPlan, shift: &Shift, readings: &[Reading]) -> Option<Found> {
         let records = std::mem::take(&mut self.open);
         let period_s = plan.track.period_s;
         let index = period::index_of(records.first()?.start, period_s);
@@ -104,10 +153,12 @@ impl EarlyWatch {
             DriftWatch::new(period.start.days(), period.delta_sd.max(f64::MIN_POSITIVE))
         });
         let others = Others::default();
-        watch.step(&terms, &period, self.filters.is_sparse(), &others, period_s);
+        let charted = watch.step(&terms, &period, self.filters.is_sparse(), &others, period_s);
+        self.is_suspect = is_suspect(&charted);
+        // There are no others: what moves, moves alone.
         match watch.finding(&others, index, false) {
-            Finding::Quiet => None,
-            Finding::Drift(_) | Finding::Common => change_told(watch, Some(shift)),
+            Finding::Drift(witness) => Some((change_told(watch, Some(shift))?, witness)),
+            Finding::Quiet | Finding::Waiting | Finding::Common => None,
         }
     }
 }
@@ -127,7 +178,7 @@ impl Tracker {
             .as_ref()
             .is_some_and(|early| Some(early.baseline.first) != first || early.has_lost_its_watch(period_s))
         {
-            (self.state.early, self.early_shift) = (None, None);
+            self.end_early();
         }
         if waiting < RECORDS {
             return;
@@ -144,24 +195,46 @@ impl Tracker {
         if self.early_shift.is_none() {
             self.early_shift = Some(self.plan.shift(&early.baseline));
         }
-        let mut found = None;
+        let (mut found, mut last) = (None, None);
         if let Some(shift) = &self.early_shift {
-            let taken = early.taken;
-            for observation in self.state.learning.iter().filter(|one| Some(one.start) > taken) {
-                found = early
-                    .take(&self.plan, shift, observation, &self.state.readings)
-                    .or(found);
+            let is_misled = self.plan.compensates() && self.state.thermometer.may_have_died(time);
+            let known = early.taken;
+            for observation in self.state.learning.iter().filter(|one| Some(one.start) > known) {
+                let (taken, change) = early.take(&self.plan, shift, observation, &self.state.readings);
+                (found, last) = (change.or(found), Some(taken));
+            }
+            if found.is_none() && !is_misled {
+                found = early.ahead(&self.plan, shift, &self.state.readings);
             }
         }
         self.state.early = Some(early);
-        if let Some(change) = found {
+        match last {
+            Some(Taken::Within(ratio, law)) => self.look_at_loss(ratio, law, None, time),
+            Some(Taken::Beyond(bound)) => self.look_at_bound(bound, time),
+            Some(Taken::Without) | None => {}
+        }
+        if let Some((change, witness)) = found {
             let message = message(&change);
             let known = Known {
                 change: Some(change),
+                witness: Some(witness),
                 ..Known::default()
             };
             self.on_board(|board| board.raise(Kind::Drift, time, message, known));
         }
+    }
+
+    /// Drops the early watch: its baseline is there, or could not be learned.
+    pub(crate) fn end_early(&mut self) {
+        (self.state.early, self.early_shift) = (None, None);
+    }
+
+    /// Puts the law before a loss, told while learning, into the units of the baseline: the provisional one's records have the ratio
+    /// one in the mean.
+    pub(crate) fn take_over_loss(&mut self) {
+        let first = &self.state.open[..RECORDS.min(self.state.open.len())];
+        let share = 1.0 + first.iter().map(|pending| pending.delta).sum::<f64>() / first.len().max(1) as f64;
+        self.state.before = self.state.before.map(|before| before.scaled(share));
     }
 }
 

@@ -132,13 +132,17 @@ impl Tracker {
         match self.relative(observation) {
             Some(Ok(relative)) => {
                 verdict.at_reference = reference::of_record(self, observation, &relative);
-                let loss = Loss::of(self, observation, &relative, verdict.at_reference.as_ref());
-                let is_blind = verdict.at_reference.is_none();
-                self.look_at_loss(loss, is_blind, self.known_at(observation.start));
                 let common_size = self.state.common_size();
                 if let Some(at_reference) = &mut verdict.at_reference {
                     reference::widen(at_reference, common_size);
                 }
+                let ratio = relative.ratio.mean - 1.0;
+                let law =
+                    self.state.watch.get().and_then(|watch| {
+                        watch.blind_law(observation.start.days(), ratio, relative.ratio.sd)
+                    });
+                let time = self.known_at(observation.start);
+                self.look_at_loss(ratio, law, verdict.at_reference.as_ref(), time);
                 self.await_period(Pending::new(observation, &relative));
                 verdict.relative = Some(relative);
                 self.usable(observation);
@@ -148,7 +152,7 @@ impl Tracker {
                 let time = self.known_at(observation.start);
                 let baseline = self.state.segment.baseline.as_ref();
                 let loss = baseline.and_then(|baseline| Loss::bound(baseline, observation));
-                self.look_at_loss(loss, true, time);
+                self.look_at_bound(loss, time);
                 self.look(Cause::OutsideRange, Some(true), time, || {
                     "the frequencies differ from the baseline's by more than the model was prepared for: the rod, its \
                      supports or the channel changed"
@@ -203,23 +207,6 @@ impl Tracker {
                 state.filters.push(reading.time.days(), reading.celsius);
             }
         }
-    }
-
-    /// Checks the limit by a loss that nothing else explains.
-    fn look_at_loss(&mut self, loss: Option<Loss>, is_blind: bool, time: Timestamp) {
-        let limit = self.plan.alarm.limit_loss;
-        let Some(loss) = loss else { return };
-        // Without a temperature, a lasting change is learned as normal; its evidence stays.
-        let by_evidence = self.state.watch.get().filter(|_| is_blind);
-        let lasts = by_evidence.is_some_and(DriftWatch::is_blind_above);
-        let holds = Some(loss.exceeds(limit)).filter(|holds| *holds || !lasts);
-        self.look(Cause::Loss, holds, time, || {
-            format!(
-                "the axial force fell by {:.0} % at least, above the limit of {:.1} %, faster and further than any temperature moves it",
-                100.0 * (loss.mean - 2.0 * loss.sd),
-                100.0 * limit
-            )
-        });
     }
 
     fn look_at_conflict(&mut self, observation: &Observation) {
@@ -281,20 +268,21 @@ impl Tracker {
                     .filter(|_| self.plan.compensates());
                 self.shift = Some(self.plan.shift(&baseline));
                 state.segment.baseline = Some(baseline);
-                state.early = None;
-                self.early_shift = None;
-                for observation in std::mem::take(&mut state.learning) {
+                let learned = std::mem::take(&mut state.learning);
+                self.end_early();
+                for observation in learned {
                     if let Some(Ok(relative)) = self.relative(&observation) {
                         self.await_period(Pending::new(&observation, &relative));
                     }
                 }
+                self.take_over_loss();
             }
             Err(fault) => {
                 state.segment.fault = Some(fault.to_string());
                 // The older half makes room; the next attempt comes when there are enough again.
                 state.learning.drain(..wanted.div_ceil(2));
-                state.early = None;
-                self.early_shift = None;
+                state.before = None;
+                self.end_early();
             }
         }
     }

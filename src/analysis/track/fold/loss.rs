@@ -3,12 +3,21 @@
 //!
 //! With f^2 = a (N + b), b >= 0 for every mode of a beam under tension, a fall of a natural frequency bounds the force that is
 //! left: N_t / N_0 <= (f_t / f_0)^2. That needs neither temperature nor training.
+//!
+//! Within the prepared range the ratio is compared with the law by which the rod's own data predicted it before the first
+//! suspicious record ([`Before`]): the detector without temperature learns a lasting loss as normal within days. With a temperature,
+//! the loss at the reference temperature must be certain as well, and the frequencies themselves must have fallen: a thermometer
+//! that was replaced or moved to a colder place moves the first alone.
 
 use super::tracker::Tracker;
 use super::verdict::AtReference;
+use crate::signal::record::Timestamp;
+use crate::track::alarm::Cause;
 use crate::track::baseline::Baseline;
+use crate::track::drift::Law;
+use crate::track::drift::watch::DriftWatch;
 use crate::track::observation::Observation;
-use crate::track::relative::Relative;
+use serde::{Deserialize, Serialize};
 
 /// A loss is sudden and certain if it exceeds the limit by this factor, or by this much.
 const TIMES_LIMIT: f64 = 2.0;
@@ -16,6 +25,13 @@ const BEYOND_LIMIT: f64 = 0.1;
 
 /// Least distance of a certain loss from the limit, in standard deviations.
 const CERTAIN_SD: f64 = 4.0;
+
+/// The same for the fall as measured where the loss at the reference temperature is certain already; within as much of the level
+/// before, a loss is over.
+const FALLEN_SD: f64 = 2.0;
+
+/// Longest time between two records of which the second confirms the first \[s\].
+const CONFIRMS_S: f64 = 10.0 * 86_400.0;
 
 /// Lower bound of the loss of force that a record shows.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,36 +42,49 @@ pub(crate) struct Loss {
     pub sd: f64,
 }
 
+/// Law of a rod's ratio before the first record of a loss.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Before {
+    /// Mean of N_t / N_0 - 1.
+    mean: f64,
+    /// Standard deviation of a record.
+    sd: f64,
+    /// Time of that record.
+    since: Timestamp,
+}
+
+impl Before {
+    /// The law in units of another baseline, with the force of this one as a share of its own.
+    pub(super) fn scaled(self, share: f64) -> Self {
+        Self {
+            mean: (1.0 + self.mean) * share - 1.0,
+            sd: self.sd * share,
+            ..self
+        }
+    }
+}
+
 impl Loss {
     /// True if it certainly exceeds a limit.
     pub fn exceeds(self, limit: f64) -> bool {
-        self.mean > (TIMES_LIMIT * limit).min(limit + BEYOND_LIMIT)
-            && self.mean - CERTAIN_SD * self.sd > limit
+        self.is_beyond(limit, CERTAIN_SD)
     }
 
-    /// Loss at the reference temperature; without one, against the rod's earlier behaviour.
-    pub fn of(
-        tracker: &Tracker,
-        observation: &Observation,
-        relative: &Relative,
-        at_reference: Option<&AtReference>,
-    ) -> Option<Self> {
-        if let Some(at_reference) = at_reference {
-            return Some(Self {
-                mean: 1.0 - at_reference.ratio.mean,
-                sd: at_reference.ratio.sd,
-            });
+    fn is_beyond(self, limit: f64, distance_sd: f64) -> bool {
+        self.mean > (TIMES_LIMIT * limit).min(limit + BEYOND_LIMIT)
+            && self.mean - distance_sd * self.sd > limit
+    }
+
+    /// True if the ratio is back where it was before.
+    fn is_over(self, limit: f64) -> bool {
+        self.mean <= limit.max(FALLEN_SD * self.sd)
+    }
+
+    fn at_reference(at_reference: &AtReference) -> Self {
+        Self {
+            mean: 1.0 - at_reference.ratio.mean,
+            sd: at_reference.ratio.sd,
         }
-        let ratio = relative.ratio.mean - 1.0;
-        let law = tracker
-            .state
-            .watch
-            .get()?
-            .blind_law(observation.start.days(), ratio, relative.ratio.sd)?;
-        Some(Self {
-            mean: law.mean - ratio,
-            sd: law.sd,
-        })
     }
 
     /// Loss of a record beyond the prepared range, from the mode that fell least; `None` unless all fell.
@@ -72,5 +101,134 @@ impl Loss {
             mean: -libm::expm1(2.0 * least),
             sd: 2.0 * log_sd,
         })
+    }
+}
+
+/// Judges a loss as measured, and at the reference temperature if that is known: whether it holds, and the smaller one.
+fn judged(measured: Loss, at_reference: Option<Loss>, limit: f64) -> (Option<bool>, Loss) {
+    let Some(known) = at_reference else {
+        let holds = measured.exceeds(limit);
+        return (
+            holds.then_some(true).or(measured.is_over(limit).then_some(false)),
+            measured,
+        );
+    };
+    let least = |loss: &Loss| loss.mean - FALLEN_SD * loss.sd;
+    let smaller = if least(&known) < least(&measured) {
+        known
+    } else {
+        measured
+    };
+    let holds = match (known.exceeds(limit), measured.is_beyond(limit, FALLEN_SD)) {
+        (true, true) => Some(true),
+        (false, _) => Some(false),
+        (true, false) => None,
+    };
+    (holds, smaller)
+}
+
+impl Tracker {
+    /// Checks the limit by one record's ratio N_t / N_0 - 1, which the rod's own data predicted by `law`.
+    pub(super) fn look_at_loss(
+        &mut self,
+        ratio: f64,
+        law: Option<Law>,
+        at_reference: Option<&AtReference>,
+        time: Timestamp,
+    ) {
+        let Some(law) = law else { return };
+        let limit = self.plan.alarm.limit_loss;
+        let stands = self.state.watches.stands(Cause::Loss);
+        let is_recent = |before: &Before| stands || time.seconds_since(before.since) <= CONFIRMS_S;
+        let kept = self.state.before.filter(is_recent);
+        let before = kept.unwrap_or(Before {
+            mean: law.mean,
+            sd: law.sd,
+            since: time,
+        });
+        let measured = Loss {
+            mean: before.mean - ratio,
+            sd: before.sd,
+        };
+        let (mut holds, loss) = judged(measured, at_reference.map(Loss::at_reference), limit);
+        // The level before is not known of a loss that the bound told, or an earlier version: its evidence keeps it.
+        if stands && kept.is_none() && at_reference.is_none() {
+            let lasts = self.state.watch.get().is_none_or(DriftWatch::is_blind_above);
+            holds = holds.filter(|holds| *holds || !lasts);
+        }
+        self.find_loss(holds, loss, time);
+        let is_kept = holds == Some(true) || (kept.is_some() && self.state.watches.stands(Cause::Loss));
+        self.state.before = is_kept.then_some(before);
+    }
+
+    /// Checks the limit by the bound of a record beyond the prepared range. A bound below the limit does not end a loss.
+    pub(super) fn look_at_bound(&mut self, bound: Option<Loss>, time: Timestamp) {
+        let Some(loss) = bound else { return };
+        let holds = loss.exceeds(self.plan.alarm.limit_loss).then_some(true);
+        self.find_loss(holds, loss, time);
+    }
+
+    fn find_loss(&mut self, holds: Option<bool>, loss: Loss, time: Timestamp) {
+        let limit = self.plan.alarm.limit_loss;
+        self.look(Cause::Loss, holds, time, || {
+            format!(
+                "the axial force fell by {:.0} % at least, above the limit of {:.1} %, faster and further than any temperature moves it",
+                100.0 * (loss.mean - FALLEN_SD * loss.sd),
+                100.0 * limit
+            )
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMIT: f64 = 0.05;
+
+    fn loss(mean: f64, sd: f64) -> Loss {
+        Loss { mean, sd }
+    }
+
+    #[test]
+    fn a_loss_at_the_reference_needs_frequencies_that_fell() {
+        let certain = Some(loss(0.135, 0.003));
+        // A thermometer that reads 9 K too low beside a rod of -1.5 % a kelvin: no frequency moved.
+        assert_eq!(judged(loss(0.0, 0.02), certain, LIMIT).0, None);
+        assert_eq!(judged(loss(0.04, 0.002), certain, LIMIT).0, None);
+        let (holds, told) = judged(loss(0.13, 0.03), certain, LIMIT);
+        assert_eq!((holds, told), (Some(true), loss(0.13, 0.03)));
+        // A restrained rod: days of weather move it by 6.5 %.
+        assert_eq!(
+            judged(loss(0.2, 0.065), Some(loss(0.2, 0.003)), LIMIT).0,
+            Some(true)
+        );
+        // Weather alone.
+        assert_eq!(
+            judged(loss(0.2, 0.01), Some(loss(0.01, 0.003)), LIMIT).0,
+            Some(false)
+        );
+    }
+
+    #[test]
+    fn a_loss_without_a_temperature_ends_where_the_ratio_is_back() {
+        let sd = 0.065;
+        assert_eq!(judged(loss(0.4, sd), None, LIMIT).0, Some(true));
+        assert_eq!(judged(loss(0.3, sd), None, LIMIT).0, None);
+        assert_eq!(judged(loss(0.14, sd), None, LIMIT).0, None);
+        assert_eq!(judged(loss(0.12, sd), None, LIMIT).0, Some(false));
+        assert_eq!(judged(loss(0.04, 0.005), None, LIMIT).0, Some(false));
+    }
+
+    #[test]
+    fn a_law_goes_into_the_units_of_another_baseline() {
+        let before = Before {
+            mean: 0.02,
+            sd: 0.01,
+            since: Timestamp::from_nanos(0),
+        };
+        // The force of the first baseline is 1.25 times that of the second.
+        let scaled = before.scaled(1.25);
+        assert!((scaled.mean - 0.275).abs() < 1e-12 && (scaled.sd - 0.0125).abs() < 1e-12);
     }
 }

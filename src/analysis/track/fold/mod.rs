@@ -9,11 +9,13 @@
 //! * `reference` force and relative force at the reference temperature
 //! * `monitor`   closes a period: moves the detectors on, raises and clears alarms
 //! * `loss`      losses so large that nothing else explains them
+//! * `growth`    a drift that grows is told anew
 //! * `explain`   kinds of change behind an alarm
 //! * [`packed`]  filter banks as text
 
 mod early;
 mod explain;
+mod growth;
 mod intake;
 mod loss;
 mod monitor;

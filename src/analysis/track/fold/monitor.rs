@@ -1,15 +1,17 @@
 //! Closes a period: moves the drift watch on, checks conditions, raises and clears alarms.
 
 use super::explain::{explain, since};
+use super::growth::look_at_growth;
 use super::state::State;
 use super::tracker::Tracker;
 use crate::signal::record::Timestamp;
 use crate::track::alarm::change::Change;
 use crate::track::alarm::{Alarm, Cause, Kind, Known, Standing};
 use crate::track::alternatives::Explained;
+use crate::track::drift::companions::PATIENCE;
 use crate::track::drift::others::{MOVING, Neighbour as _, Others};
-use crate::track::drift::period::{Evidence, Period, combined_misfit};
-use crate::track::drift::watch::{self, DriftWatch, Witness};
+use crate::track::drift::period::{Charted, Evidence, Period, combined_misfit};
+use crate::track::drift::watch::{DriftWatch, Finding, Witness};
 use crate::track::relative::Shift;
 use statrs::distribution::{ContinuousCDF, Normal};
 
@@ -42,8 +44,9 @@ pub(crate) fn close(tracker: &mut Tracker, mut period: Period, others: &Others, 
     watch(tracker, &mut period, others);
     look_at_misfit(tracker, &period, time);
     look_at_finding(tracker, &period, others, time);
-    look_at_limit(tracker, &period, time);
+    look_at_limit(tracker, &period, others, time);
     look_at_leverage(tracker, &period, time);
+    look_at_growth(tracker, &period, others, time);
     look_at_end(tracker, &period, time);
     period
 }
@@ -56,13 +59,16 @@ const SUSPECT_SD: f64 = 3.0;
 /// Evidence, as a share of its limit, from which a change may be about to be reported.
 const SUSPECT_EVIDENCE: f64 = 0.05;
 
+/// True if a period may show the beginning of a change that the next record should tell.
+pub(super) fn is_suspect(charted: &Charted) -> bool {
+    charted.residual.abs() > SUSPECT_SD || charted.evidence.best_informed() > SUSPECT_EVIDENCE
+}
+
 /// Reports a change with the record that shows it, as the end of the open period would, because the next record may be a day
 /// away. Nothing else advances. Unusually equal readings wait for the end of the period: the thermometer may have died.
 pub(crate) fn tell_ahead(tracker: &mut Tracker, others: &Others, time: Timestamp) {
     let last = tracker.state.periods.last().and_then(|period| period.charted);
-    let is_suspect = last.is_some_and(|charted| {
-        charted.residual.abs() > SUSPECT_SD || charted.evidence.best_informed() > SUSPECT_EVIDENCE
-    });
+    let is_suspect = last.is_some_and(|charted| is_suspect(&charted));
     let is_misled = tracker.plan.compensates() && tracker.state.thermometer.may_have_died(time);
     if !is_suspect || tracker.state.drifts() || is_misled {
         return;
@@ -155,6 +161,21 @@ pub(crate) fn rewatch(tracker: &mut Tracker) {
         let mut again = period.clone();
         watch(tracker, &mut again, &Others::default());
     }
+    // Replayed without the other rods: what they explained then is no evidence.
+    let had_others = |period: &Period| {
+        period
+            .charted
+            .is_some_and(|charted| charted.evidence.peers.is_some())
+    };
+    if let Some(last) = periods
+        .iter()
+        .rev()
+        .take(PATIENCE as usize)
+        .find(|period| had_others(period))
+        && let Some(watch) = tracker.state.watch.get_mut()
+    {
+        watch.looked_beside_others(last.time().days());
+    }
     tracker.state.periods = periods;
 }
 
@@ -182,19 +203,20 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
         return;
     };
     let finding = watch.finding(others, period.index, !has_lasted);
-    if watch.joins(others, period.index, finding == watch::Finding::Common) && !drifts {
+    let moves = matches!(finding, Finding::Common | Finding::Waiting);
+    if watch.joins(others, period.index, moves) && !drifts {
         watch.restart();
         return;
     }
-    if finding == watch::Finding::Quiet {
+    if matches!(finding, Finding::Quiet | Finding::Waiting) {
         return;
     }
     let Some(change) = change_now(tracker) else { return };
     let state = &tracker.state;
     match finding {
-        watch::Finding::Quiet => {}
-        watch::Finding::Drift(_) if drifts => confirm(tracker, finding, &change, period, time),
-        watch::Finding::Drift(witness) => {
+        Finding::Quiet | Finding::Waiting => {}
+        Finding::Drift(_) if drifts => confirm(tracker, finding, &change, period, time),
+        Finding::Drift(witness) => {
             let alternatives = explain(tracker, &change, Some(period));
             let p = axial_p(tracker, period, change.onset);
             let is_axial = alternatives.as_ref().and_then(Explained::is_axial);
@@ -229,10 +251,10 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
             tracker.state.watches.begin(cause);
         }
         // A rod that was reported by itself stays so; one that moves alone is confirmed before others seem to move with it.
-        watch::Finding::Common
+        Finding::Common
             if drifts || state.holds(Kind::Common) || others.has_told_common(period.index) || !has_lasted => {
         }
-        watch::Finding::Common => {
+        Finding::Common => {
             let message = common_message(&change, others, period.index);
             let known = Known {
                 change: Some(change),
@@ -254,14 +276,8 @@ fn has_lasted(state: &State) -> bool {
     before.filter(is_above).count() == COMMON_PERIODS - 1
 }
 
-/// Reports an unconfirmed change again once the other rods confirm it.
-fn confirm(
-    tracker: &mut Tracker,
-    finding: watch::Finding,
-    change: &Change,
-    period: &Period,
-    time: Timestamp,
-) {
+/// Reports a change again once the other rods confirm it.
+fn confirm(tracker: &mut Tracker, finding: Finding, change: &Change, period: &Period, time: Timestamp) {
     let is_unconfirmed =
         |alarm: &Alarm| alarm.cleared.is_none() && alarm.witness == Some(Witness::Unconfirmed);
     let Some(alarm) = tracker
@@ -269,7 +285,7 @@ fn confirm(
         .alarms
         .iter()
         .find(|alarm| is_unconfirmed(alarm))
-        .filter(|_| finding == watch::Finding::Drift(Witness::Confirmed))
+        .filter(|_| finding == Finding::Drift(Witness::Confirmed))
     else {
         return;
     };
@@ -287,9 +303,11 @@ fn confirm(
     tracker.on_board(|board| board.tell_again(time, &message, &known, is_unconfirmed));
 }
 
-fn look_at_limit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
+/// Checks the limit by a period. Its error holds what rods that move together are uncertain by, before the notice of the site, too,
+/// and what the static parameters leave open.
+fn look_at_limit(tracker: &mut Tracker, period: &Period, others: &Others, time: Timestamp) {
     // Without a temperature a limit would react to the weather; a certain loss is still reported (`loss`).
-    let Some((change, sd)) = period
+    let Some((change, charted_sd)) = period
         .charted
         .and_then(|charted| Some((charted.at_reference?, charted.at_reference_sd?)))
     else {
@@ -300,11 +318,21 @@ fn look_at_limit(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     }
     let alarm = &tracker.plan.alarm;
     let (limit, certain) = (alarm.limit_loss, alarm.limit_probability);
+    let watch = tracker.state.watch.get();
+    let found = |watch: &&DriftWatch| watch.finding(others, period.index, false);
+    let seems_common = |watch: &&DriftWatch| matches!(found(watch), Finding::Common | Finding::Waiting);
+    let common = watch.filter(seems_common).map_or(0.0, DriftWatch::size);
+    let common = common.max(tracker.state.common_size());
+    let sd = charted_sd
+        .hypot(common)
+        .hypot(static_sd(tracker.shift.as_ref(), change));
     let probability = Normal::standard().cdf((-limit - change) / sd);
-    let proviso = if tracker.state.moves_with_others() {
+    let proviso = if common > 0.0 {
         "; the rods of the site moved together: a wrong thermometer looks the same"
-    } else {
+    } else if watch.is_some_and(DriftWatch::has_witnesses) || !tracker.plan.compensates() {
         ""
+    } else {
+        "; no other rods bear witness: a thermometer that drifts looks the same"
     };
     tracker.look(Cause::Limit, beyond(probability, certain, 0.5), time, || {
         format!(
@@ -408,11 +436,18 @@ pub(crate) fn change_told(watch: &DriftWatch, shift: Option<&Shift>) -> Option<C
     let change = watch.change()?;
     // The ratio of a change of force to one of frequencies stays uncertain with any number of periods.
     let size = change.size.clamp(-0.9, 10.0);
-    let static_sd = match shift {
-        Some(shift) if size != 0.0 => (1.0 + size) * shift.static_sd(libm::log1p(size)) / size.abs(),
-        _ => 0.0,
+    let share = if size == 0.0 {
+        0.0
+    } else {
+        static_sd(shift, size) / size.abs()
     };
-    Some(Change::told(&change, static_sd))
+    Some(Change::told(&change, share))
+}
+
+/// Standard deviation of a change of force by the uncertainty of the static parameters, as a share of the force.
+pub(super) fn static_sd(shift: Option<&Shift>, change: f64) -> f64 {
+    let change = change.clamp(-0.9, 10.0);
+    shift.map_or(0.0, |shift| (1.0 + change) * shift.static_sd(libm::log1p(change)))
 }
 
 /// One sentence about a drift: as a fact where the modes leave no other kind of change, as one of several explanations where they do.

@@ -1,6 +1,7 @@
 //! State of one rod from record to record.
 
 use super::early::EarlyWatch;
+use super::loss::Before;
 use super::packed::Packed;
 use super::verdict::RodState;
 use crate::signal::record::{Reading, RodId, Timestamp};
@@ -81,6 +82,9 @@ pub struct State {
     /// Watch over the records of the future baseline.
     #[serde(default)]
     pub early: Option<EarlyWatch>,
+    /// Law of the ratio before a large loss that is suspected or stands.
+    #[serde(default)]
+    pub before: Option<Before>,
     /// Number of the last closed period.
     pub closed: Option<i64>,
     /// Closed periods of this segment, ascending. The store keeps them in rows of their own.
@@ -120,6 +124,7 @@ impl State {
             filters: Filters::default(),
             watch: Packed::default(),
             early: None,
+            before: None,
             closed: None,
             periods: Vec::new(),
             alarms: Vec::new(),
@@ -187,6 +192,7 @@ impl State {
     pub fn back_after(mut self, now: &Self) -> Self {
         self.alarms = now.alarms.clone();
         self.watches = Watches::default();
+        self.before = None;
         self.open = Vec::new();
         self.readings = now.readings.clone();
         self.filters = now.filters.clone();
@@ -225,8 +231,8 @@ impl State {
                 let time = self.latest.map_or(0.0, Timestamp::days);
                 let least = watch.least_told_blind(time).unwrap_or(1.0);
                 not_monitoring(&format!(
-                    "uncompensated: no temperature, so only sudden changes of force above about {:.0} % are told",
-                    100.0 * least
+                    "uncompensated: no temperature, so only sudden changes of force above about {} % are told",
+                    three_digits(100.0 * least)
                 ))
             }
         }
@@ -311,5 +317,36 @@ impl Neighbour for State {
 
     fn has_moved_with_others(&self) -> bool {
         self.holds(Kind::Common)
+    }
+}
+
+/// A percentage with three significant digits, at least one of them a decimal: never 0 for what is not.
+fn three_digits(percent: f64) -> String {
+    let magnitude = percent.abs().log10().floor();
+    // Zero has no magnitude.
+    let decimals = if magnitude.is_finite() {
+        (2.0 - magnitude).clamp(1.0, 9.0)
+    } else {
+        1.0
+    };
+    format!("{percent:.*}", decimals as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::three_digits;
+
+    #[test]
+    fn a_small_percentage_is_not_zero() {
+        for (percent, said) in [
+            (0.0123, "0.0123"),
+            (0.4, "0.400"),
+            (1.5, "1.50"),
+            (12.34, "12.3"),
+            (100.0, "100.0"),
+            (0.0, "0.0"),
+        ] {
+            assert_eq!(three_digits(percent), said);
+        }
     }
 }

@@ -1,10 +1,10 @@
 //! The fold: one `step` per record, in order of arrival.
 
 use super::explain::explain;
-use super::monitor;
 use super::plan::TrackPlan;
 use super::state::{Opening, State};
 use super::verdict::{Input, RodState, Verdict};
+use super::{growth, monitor};
 use crate::identify::Plan;
 use crate::signal::record::{Reading, RodId, Timestamp};
 use crate::track::alarm::{AlarmEvent, Board, Cause, Kind, Known, Standing};
@@ -327,7 +327,9 @@ impl Tracker {
         }
         let mut drifts = self.state.alarms.iter().filter(|alarm| alarm.kind == Kind::Drift);
         let renewed = if drifts.any(|alarm| alarm.is_due(time, repeat_s)) {
-            monitor::change_now(self).map(|change| {
+            let mut active = self.state.alarms.iter();
+            let told = active.find(|alarm| alarm.kind == Kind::Drift && alarm.cleared.is_none());
+            growth::change_since_told(self, told.and_then(|alarm| alarm.change.as_ref())).map(|change| {
                 let alternatives = explain(self, &change, None);
                 (change, alternatives)
             })

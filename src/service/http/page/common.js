@@ -96,18 +96,18 @@ export function newest(text, stale_s) {
 export const interval = (values, show) =>
   values ? [show(values.mean), el("small", {}, `${show(values.q025)} to ${show(values.q975)}`)] : ["-"];
 
-// Force shown for a rod, with its mark: given the baseline, else that of the latest record alone.
+// Force shown for a rod, with its marks: given the baseline, else that of the latest record alone. A baseline does not mend a doubt.
 const DOUBTS = {
   conflict: "model and data disagree: the force may be wrong by more than its interval says",
   prior: "hardly any rod of the prior has these frequencies: check length, section, material and expected force",
   orders: "the orders of the modes are not certain: other orders give another force",
 };
 export const isAlone = (status) => !status.force_n && Boolean(status.axial_force_n);
-export const doubts = (status) => (isAlone(status) ? status.doubts.map((doubt) => DOUBTS[doubt] ?? doubt) : []);
+export const doubts = (status) => (status.force_n || status.axial_force_n ? status.doubts.map((doubt) => DOUBTS[doubt] ?? doubt) : []);
 export function force(status, show) {
-  if (!isAlone(status)) return [status.compensated || !status.relative_force ? "" : "~", ...interval(status.force_n, show)];
-  const mark = status.doubts.length === 0 ? "" : status.doubts.every((doubt) => doubt === "orders") ? "? " : "! ";
-  return [mark, ...interval(status.axial_force_n, show)];
+  const mark = doubts(status).length === 0 ? "" : status.doubts.every((doubt) => doubt === "orders") ? "? " : "! ";
+  if (isAlone(status)) return [mark, ...interval(status.axial_force_n, show)];
+  return [mark + (status.compensated || !status.relative_force ? "" : "~"), ...interval(status.force_n, show)];
 }
 
 export const rodLink = (rod) => `/rod?id=${encodeURIComponent(rod)}`;

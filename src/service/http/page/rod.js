@@ -103,7 +103,8 @@ async function drawHistory() {
     (last === undefined ? "" : `; the last value shown is ${percent(last)} % ${reference === undefined ? "at its own temperature" : figures.atReference(rod)}`) +
     `. Green: the baseline; triangles and red lines: alarms.` +
     (onset ? ` Red stretch: the change began between ${day(onset.onset_q025)} and ${day(onset.onset_q975)} (95 %).` : "") + ` At a gap the line stops; ${each}.`;
-  absolute.words.textContent = "Axial force with its 95 % interval. A record alone knows little of the rod; given the baseline its force is sharper. Two temperatures give two forces of one record.";
+  absolute.words.textContent = "Axial force with its 95 % interval. A record alone knows little of the rod; given the baseline its force is sharper. Two temperatures give two forces of one record." +
+    doubts(rod).map((doubt) => ` Of the latest record: ${doubt}.`).join("");
   thermal.words.textContent = rod.thermal ? `Force of each record at its own temperature, with the line that was learned: ${fixed(100 * rod.thermal.slope_per_k, 3)} \u00b1 ${fixed(196 * rod.thermal.slope_sd_per_k, 3)} % per K (95 %), for a temperature that stays. Days of quick warming lie off it.` : "";
   frequencies.words.textContent = "Natural frequencies, each about its median, with their 95 % intervals" +
     (modes.every > 1 ? `; one record in ${modes.every} is drawn.` : "; every record is drawn.") + " Saved as CSV they are in Hz.";
@@ -130,24 +131,37 @@ async function drawHistory() {
 const headings = [[el("h2", {}, "Relative force"), [relative, charts]], [el("h2", {}, "Absolute force"), [absolute, thermal]],
   [el("h2", {}, "Frequencies and temperature"), [frequencies, temperature]]];
 
+// Marks of a record's forces and their reasons, by the limits of docs/measure.md.
+function recordDoubts(record) {
+  const isConflict = record.conflict != null && record.conflict >= 3;
+  const isPrior = !isConflict && record.prior_tail != null && record.prior_tail <= 0.01;
+  const isOrders = record.label_probability != null && record.label_probability < 0.99;
+  return {
+    mark: isConflict || isPrior ? "! " : isOrders ? "? " : "",
+    words: [isConflict ? `conflict ${fixed(record.conflict, 1)}` : null, isPrior ? "hardly in the prior" : null,
+      isOrders ? `orders right with ${share(record.label_probability)}` : null].filter(Boolean),
+  };
+}
+
 function recordRow(record) {
   const cell = (name, kind, ...children) => el("td", { "data-name": name, class: kind }, ...children);
   const motion = record.excitation ? ` (${record.excitation.kind.replace("-", " ")})` : "";
-  const doubt = record.label_probability != null && record.label_probability < 0.99 ? `; orders right with ${share(record.label_probability)}` : "";
+  const { mark, words } = recordDoubts(record);
   const said = record.rejection ? `rejected: ${record.rejection.message}` : record.set_aside ? `set aside: ${record.set_aside}` : record.state;
   const own = record.temperature_c ?? null, reference = record.reference_temperature_c ?? null;
   const at = (celsius) => el("small", {}, celsius === null ? "temperature not measured" : `at ${degrees(celsius)}`);
   const forceAt = (values, celsius) => (values ? [...interval(values, kilonewtons), at(celsius)] : ["-"]);
+  const marked = ([value, ...rest]) => [value === "-" ? value : mark + value, ...rest];
   const isReferred = Boolean(record.force_at_reference_n);
   const changed = record.relative_force_at_reference ?? record.relative_force;
   return el("tr", { "data-start": record.start },
     cell("start", "", el("span", { class: "nowrap" }, time(record.start)), record.file ? el("small", { class: "file" }, `in ${record.file}`) : null),
     cell("length [s]", "n", record.duration_s === null ? "-" : fixed(record.duration_s, 0)),
     cell("frequencies [Hz]", "", (record.modes ?? []).map((mode) => mode.frequency_hz.toFixed(3)).join(", ") || "-"),
-    cell("force, record alone [kN]", "n", ...forceAt(record.axial_force_n, own)),
-    cell("force given the baseline [kN]", "n", ...forceAt(record.force_at_reference_n ?? record.tracked_force_n, isReferred ? reference : own)),
+    cell("force, record alone [kN]", "n", ...marked(forceAt(record.axial_force_n, own))),
+    cell("force given the baseline [kN]", "n", ...marked(forceAt(record.force_at_reference_n ?? record.tracked_force_n, isReferred ? reference : own))),
     cell("change [%]", "n", ...interval(changed, (r) => percent(r)), changed ? at(isReferred ? reference : own) : null),
-    cell("result", "", `${said}${motion}${doubt}`));
+    cell("result", "", [`${said}${motion}`, ...words].join("; ")));
 }
 
 let listTurn = 0, isGrowing = false, listedOnly = false;

@@ -91,13 +91,17 @@ impl LabelPlan {
     }
 
     /// Band searched for the rod's peaks \[Hz\]: as configured, else all orders of all rods that the prior
-    /// holds.
+    /// holds; and the windows of modes assigned by hand.
     pub fn band_hz(&self) -> (f64, f64) {
         let ((low, high), _) = self.grid.range();
-        self.settings.band_hz.map_or(
+        let band = self.settings.band_hz.map_or(
             (libm::exp(low) / WIDER, libm::exp(high) * WIDER),
             |[low_hz, high_hz]| (low_hz, high_hz),
-        )
+        );
+        let windows = self.settings.windows.iter();
+        windows.fold(band, |(low_hz, high_hz), window| {
+            (low_hz.min(window.low_hz), high_hz.max(window.high_hz))
+        })
     }
 
     /// Highest frequency expected of the first mode \[Hz\].

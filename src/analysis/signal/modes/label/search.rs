@@ -74,7 +74,10 @@ impl Grid {
         let reach = (2.0 * MOST_PENALTY).sqrt();
         let lowest = rod.force.at(-reach).0 + slenderness;
         let highest = rod.force.at(reach).0 + slenderness;
-        let lowest = lowest.max(LEAST_LOG_TENSION).min(highest - TENSION_STEP);
+        let centre = rod.force.at(0.0).0 + slenderness;
+        let lowest = lowest
+            .max(LEAST_LOG_TENSION.min(centre))
+            .min(highest - TENSION_STEP);
         let step = TENSION_STEP.max((highest - lowest) / MOST_TENSIONS);
         let tensions = ((highest - lowest) / step).ceil() as usize + 1;
         let (left, right) = (end_values(rod, 0), end_values(rod, 1));
@@ -133,9 +136,35 @@ impl Grid {
                 }
             }
         }
+        if grid.range.0 > grid.range.1 {
+            grid.range_of_nearest(rod);
+        }
         // The likeliest first: few of the others then need a closer look.
         grid.nodes.sort_by(|a, b| a.penalty.total_cmp(&b.penalty));
         grid
+    }
+
+    /// Takes the range from the nodes nearest to the force's own, where that is known better than the grid is fine.
+    fn range_of_nearest(&mut self, rod: &Rod) {
+        let (low, high) = rod.log_force_range;
+        let away = |node: &Node| {
+            let log_force = rod.force.at(f64::from(node.at[1])).0;
+            (low - log_force).max(log_force - high).max(0.0)
+        };
+        let Some(nearest) = self.nodes.iter().map(away).min_by(f64::total_cmp) else {
+            return;
+        };
+        for node in self
+            .nodes
+            .iter()
+            .filter(|node| away(node) <= nearest + TENSION_STEP)
+        {
+            let spectrum = &self.spectra[node.spectrum as usize];
+            let log = |order: usize| f64::from(spectrum[order - 1] + node.shift) * BIN;
+            self.range.0 = self.range.0.min(log(1));
+            self.range.1 = self.range.1.max(log(MAX_ORDERS));
+            self.first_high = self.first_high.max(log(1));
+        }
     }
 
     /// The band in which modes may lie, in ln f, and the highest ln f of a first mode.

@@ -1,0 +1,326 @@
+//! Rods of a site that come, go, and lose their inputs: what stands in for what is missing.
+
+use super::others::{MOVING, Neighbour, Others};
+use super::period::{Period, start_of};
+use super::regressors::FILTERS_D;
+use super::watch::{DriftWatch, Finding, Terms, Witness};
+use super::{Filters, ThermalPrior};
+use crate::numerics::random;
+use rand_distr::{Distribution, StandardNormal};
+
+const DAY_S: f64 = 86_400.0;
+const LIMIT: f64 = 3652.0;
+const NOISE: f64 = 0.002;
+
+/// Another rod as it shows itself in one period.
+#[derive(Debug)]
+struct Rod {
+    name: &'static str,
+    ratio: Option<f64>,
+    index: i64,
+    evidence: f64,
+}
+
+impl Neighbour for Rod {
+    fn name(&self) -> &str {
+        self.name
+    }
+    fn ratio_in(&self, _: i64, _: f64) -> Option<f64> {
+        self.ratio
+    }
+    fn last_period(&self) -> Option<i64> {
+        Some(self.index)
+    }
+    fn evidence(&self) -> f64 {
+        self.evidence
+    }
+    fn evidence_alone(&self) -> f64 {
+        self.evidence
+    }
+    fn size(&self) -> f64 {
+        0.0
+    }
+    fn moved_beside_others(&self) -> f64 {
+        0.0
+    }
+    fn drifts(&self) -> bool {
+        false
+    }
+    fn is_confirmed(&self) -> bool {
+        false
+    }
+    fn has_moved_with_others(&self) -> bool {
+        false
+    }
+}
+
+/// The rod that is watched, and the days of its site.
+struct Site {
+    watch: DriftWatch,
+    filters: Filters,
+    limit: f64,
+    /// Found so far, by day.
+    found: Vec<Finding>,
+}
+
+/// One day of it.
+struct Day {
+    /// What the thermometer says; `None` if it is dead.
+    read_c: Option<f64>,
+    /// Change of force.
+    change: f64,
+    /// Slopes of the other rods \[1/K\]; `None` if one is configured and not measured.
+    others: Vec<(&'static str, Option<f64>)>,
+    /// R of each of them.
+    evidence: f64,
+}
+
+impl Day {
+    /// A day on which all is well.
+    fn of(day: i64) -> Self {
+        Self {
+            read_c: Some(air(day)),
+            change: 0.0,
+            others: vec![("b", Some(-0.008)), ("c", Some(-0.012))],
+            evidence: 0.0,
+        }
+    }
+
+    fn alone(day: i64) -> Self {
+        Self {
+            others: Vec::new(),
+            ..Self::of(day)
+        }
+    }
+}
+
+/// Temperature of all rods on a day.
+fn air(day: i64) -> f64 {
+    let day = day as f64;
+    10.0 + 6.0 * (day / 58.0).sin() + 3.0 * (1.7 * day).sin() + 2.0 * (day / 3.1).cos()
+}
+
+/// An error of a period, another for every source.
+fn noise(day: i64, source: u64) -> f64 {
+    let draw: f64 = StandardNormal.sample(&mut random::stream(source, day as u64));
+    NOISE * draw
+}
+
+impl Site {
+    fn new() -> Self {
+        Self {
+            watch: DriftWatch::new(0.0, NOISE),
+            filters: Filters::default(),
+            limit: LIMIT,
+            found: Vec::new(),
+        }
+    }
+
+    /// Follows the rod, -1 % a kelvin, over days.
+    fn follow(&mut self, days: std::ops::Range<i64>, day: impl Fn(i64) -> Day) -> &mut Self {
+        let terms = Terms {
+            limit: self.limit,
+            thermal: Some(ThermalPrior {
+                slope_mean_per_k: -0.01,
+                slope_sd_per_k: 0.01,
+                curvature_sd_per_k2: 1e-5,
+                is_sparse: false,
+            }),
+            reference_c: Some(10.0),
+            learning_periods: 30,
+        };
+        for index in days {
+            let today = day(index);
+            let warmer = air(index) - 10.0;
+            if let Some(celsius) = today.read_c {
+                self.filters.push(index as f64, celsius);
+            }
+            let rods: Vec<Rod> = (1..)
+                .zip(&today.others)
+                .map(|(source, &(name, slope))| Rod {
+                    name,
+                    ratio: slope.map(|slope| slope * warmer + noise(index, source)),
+                    index,
+                    evidence: today.evidence,
+                })
+                .collect();
+            let others = Others::new(&rods);
+            let period = Period {
+                index,
+                start: start_of(index, DAY_S),
+                began: None,
+                measured: None,
+                records: 1,
+                delta: -0.01 * warmer + noise(index, 0) + today.change,
+                delta_sd: NOISE,
+                filtered_c: today.read_c.map(|celsius| [celsius; FILTERS_D.len()]),
+                lagged_c: None,
+                misfit: Vec::new(),
+                not_axial_p: 1.0,
+                charted: None,
+            };
+            self.watch.step(&terms, &period, false, &others, DAY_S);
+            self.found.push(self.watch.finding(&others, index, false));
+        }
+        self
+    }
+
+    fn is_quiet_since(&self, day: usize) -> bool {
+        self.found[day..].iter().all(|found| *found == Finding::Quiet)
+    }
+}
+
+/// A poor thermometer, which reads 1 K wrong and from day 120 on 6 K too much: the temperature alone shows a change, the other rods none.
+fn shifted(day: i64) -> Day {
+    let off = if day < 120 { 0.0 } else { 6.0 } + noise(day, 9) / NOISE;
+    Day {
+        read_c: Some(air(day) + off),
+        ..Day::of(day)
+    }
+}
+
+#[test]
+fn rods_that_leave_bring_back_nothing_they_explained() {
+    let mut site = Site::new();
+    site.follow(0..200, shifted);
+    assert!(site.is_quiet_since(0), "{:?}", site.found);
+    assert!(
+        site.watch.evidence_alone() > LIMIT,
+        "{}",
+        site.watch.evidence_alone()
+    );
+    site.follow(200..240, |day| Day {
+        others: vec![("b", Some(-0.008))],
+        ..shifted(day)
+    });
+    assert!(site.is_quiet_since(200), "{:?}", &site.found[200..]);
+    assert!(site.watch.evidence() < LIMIT, "{}", site.watch.evidence());
+    // What begins then is told.
+    site.follow(240..246, |day| Day {
+        others: vec![("b", Some(-0.008))],
+        change: -0.1,
+        ..shifted(day)
+    });
+    assert!(
+        site.found[240..].contains(&Finding::Drift(Witness::Alone)),
+        "{:?}",
+        &site.found[240..]
+    );
+}
+
+#[test]
+fn a_watch_made_anew_without_the_other_rods_tells_nothing_they_explained() {
+    let mut site = Site::new();
+    site.follow(0..200, |day| Day {
+        others: Vec::new(),
+        ..shifted(day)
+    });
+    assert!(site.watch.evidence() > LIMIT);
+    site.watch.looked_beside_others(199.5);
+    let before = site.found.len();
+    site.follow(200..260, shifted);
+    assert!(site.is_quiet_since(before), "{:?}", &site.found[before..]);
+    site.follow(260..266, |day| Day {
+        change: -0.1,
+        ..shifted(day)
+    });
+    assert!(!site.is_quiet_since(260), "{:?}", &site.found[260..]);
+}
+
+#[test]
+fn a_third_rod_takes_no_sight_from_the_first() {
+    for lost in [122, 100] {
+        let mut site = Site::new();
+        site.follow(0..135, |day| Day {
+            change: if day < lost { 0.0 } else { -0.03 },
+            others: if day < 120 {
+                vec![("b", Some(-0.008))]
+            } else {
+                Day::of(day).others
+            },
+            ..Day::of(day)
+        });
+        let told = site.found.iter().position(|found| *found != Finding::Quiet);
+        let lost = lost as usize;
+        assert!(
+            told.is_some_and(|day| (lost..lost + 3).contains(&day)),
+            "{lost}: {told:?}"
+        );
+        // A drift that was told before stays so.
+        let after = told.unwrap();
+        assert!(
+            site.found[after..]
+                .iter()
+                .all(|found| matches!(found, Finding::Drift(_))),
+            "{lost}: {:?}",
+            &site.found[after..]
+        );
+    }
+}
+
+#[test]
+fn what_the_last_reading_showed_is_not_lost_with_the_thermometer() {
+    let mut site = Site::new();
+    let change = |day| if day < 90 { 0.0 } else { -0.3 };
+    site.follow(0..91, |day| Day {
+        change: change(day),
+        ..Day::alone(day)
+    });
+    assert!(site.is_quiet_since(0));
+    site.follow(91..94, |day| Day {
+        change: change(day),
+        read_c: None,
+        ..Day::alone(day)
+    });
+    assert!(
+        site.found[91..].contains(&Finding::Drift(Witness::Blind)),
+        "{:?} {}",
+        &site.found[91..],
+        site.watch.evidence()
+    );
+}
+
+#[test]
+fn a_reading_that_is_missing_makes_no_rod_move() {
+    let mut site = Site::new();
+    // A month much warmer than all before, which the temperature explains and nothing else does.
+    let warm = |day: i64| if day < 60 { air(day) } else { air(day) + 25.0 };
+    site.follow(0..66, |day| Day {
+        read_c: Some(warm(day)),
+        change: -0.01 * (warm(day) - air(day)),
+        ..Day::alone(day)
+    });
+    assert!(site.watch.is_blind_above());
+    site.follow(66..67, |day| Day {
+        read_c: None,
+        change: -0.01 * (warm(day) - air(day)),
+        ..Day::alone(day)
+    });
+    assert!(
+        site.watch.evidence_alone() <= MOVING,
+        "{}",
+        site.watch.evidence_alone()
+    );
+    assert!(site.is_quiet_since(0));
+}
+
+#[test]
+fn a_notice_of_the_site_needs_the_evidence_of_all_its_rods() {
+    let last = |limit: f64| {
+        let mut site = Site::new();
+        site.limit = limit;
+        site.follow(0..66, |day| Day {
+            read_c: Some(air(day) + if day < 62 { 0.0 } else { 1.0 }),
+            others: vec![("b", None), ("c", None), ("d", None)],
+            evidence: 2.0 * MOVING,
+            ..Day::of(day)
+        });
+        (site.found[65], site.watch.evidence())
+    };
+    let (_, evidence) = last(LIMIT);
+    assert!(evidence > LIMIT, "{evidence}");
+    assert_eq!(last(2.0 * evidence).0, Finding::Quiet);
+    assert_eq!(last(0.5 * evidence).0, Finding::Waiting);
+    assert_eq!(last(0.3 * evidence).0, Finding::Waiting);
+    assert_eq!(last(0.2 * evidence).0, Finding::Common);
+}

@@ -1,0 +1,119 @@
+//! Growth of a drift that was told: told anew with its present size.
+//!
+//! The onset particles date one change, the strongest; a later one is nothing to them beside the evidence of the first. The change at
+//! the reference temperature holds all of them.
+
+use super::explain::{explain, since};
+use super::monitor::{change_now, drift_message, static_sd};
+use super::tracker::Tracker;
+use crate::signal::record::Timestamp;
+use crate::track::alarm::change::Change;
+use crate::track::alarm::{Alarm, Kind, Known};
+use crate::track::drift::others::Others;
+use crate::track::drift::period::Period;
+use crate::track::drift::watch::{self, Witness};
+use crate::track::relative::Interval;
+
+/// Standard deviations from which a change is certainly another than the one told.
+const CERTAIN_SD: f64 = 1.96;
+
+/// Least growth of a change that is told again: share of the force, and of the size told.
+const LEAST_GROWTH: f64 = 0.01;
+const GROWTH_SHARE: f64 = 0.5;
+
+/// Reports a drift again that has grown or turned since it was told, acknowledged or not.
+pub(super) fn look_at_growth(tracker: &mut Tracker, period: &Period, others: &Others, time: Timestamp) {
+    // Moved together, they point to the thermometer.
+    if !watch::is_calm(others, period.index) {
+        return;
+    }
+    let is_drift = |alarm: &Alarm| alarm.kind == Kind::Drift && alarm.cleared.is_none();
+    let Some((alarm, told)) = (tracker.state.alarms.iter())
+        .find(|alarm| is_drift(alarm))
+        .and_then(|alarm| Some((alarm, alarm.change.clone()?)))
+    else {
+        return;
+    };
+    let periods = tracker.state.periods.iter().chain([period]);
+    let since: Vec<&Period> = periods.filter(|period| period.time() > alarm.told).collect();
+    let Some(size) = grown(tracker, &told.size, &since) else {
+        return;
+    };
+    let witness = alarm.witness;
+    let change = Change { size, ..told.clone() };
+    let alternatives = explain(tracker, &change, Some(period));
+    let message = format!(
+        "{}; it was {:+.2} % when it was told before",
+        drift_message(&change, witness.unwrap_or(Witness::Alone), alternatives.as_ref()),
+        100.0 * told.size.mean
+    );
+    let known = Known {
+        change: Some(change),
+        witness,
+        alternatives,
+    };
+    tracker.on_board(|board| board.tell_anew(Kind::Drift, time, message, known));
+}
+
+/// Change at the reference temperature by the last of some periods, if the last ones all show another than `told`.
+fn grown(tracker: &Tracker, told: &Interval, periods: &[&Period]) -> Option<Interval> {
+    let count = tracker.plan.alarm.confirm.max(1);
+    let last = periods.len().checked_sub(count).map(|first| &periods[first..])?;
+    let now = |period: &&Period| at_reference(tracker, period).filter(|size| grew(told, size.mean, size.sd));
+    let all: Option<Vec<Interval>> = last.iter().map(now).collect();
+    all?.last().copied()
+}
+
+/// Present change for the repetition of a drift that was told as `told`. The onset particles may date a later change alone, or the
+/// first alone: the alarm has the whole.
+pub(super) fn change_since_told(tracker: &Tracker, told: Option<&Change>) -> Option<Change> {
+    let change = change_now(tracker)?;
+    let last = tracker.state.periods.last();
+    let later = |told: &&Change| change.onset_q025 > told.onset_q975;
+    if let Some((told, size)) = told
+        .filter(later)
+        .zip(last.and_then(|period| at_reference(tracker, period)))
+    {
+        return Some(Change { size, ..told.clone() });
+    }
+    let since: Vec<&Period> = since(tracker, change.onset, None);
+    let size = grown(tracker, &change.size, &since).unwrap_or(change.size);
+    Some(Change { size, ..change })
+}
+
+/// Change at the reference temperature by a period.
+fn at_reference(tracker: &Tracker, period: &Period) -> Option<Interval> {
+    let charted = period.charted?;
+    let (change, sd) = (charted.at_reference?, charted.at_reference_sd?);
+    let by_parameters = static_sd(tracker.shift.as_ref(), change);
+    Some(Interval::normal(change, sd.hypot(by_parameters)))
+}
+
+/// True if a change of this size and standard deviation is certainly not the one told: larger by half of it and a hundredth of the
+/// force, or in the other direction.
+fn grew(told: &Interval, change: f64, sd: f64) -> bool {
+    let differs = (change - told.mean).abs();
+    let is_certain = differs > CERTAIN_SD * sd.hypot(told.sd);
+    let is_larger =
+        change.abs() > told.mean.abs() && differs > LEAST_GROWTH.max(GROWTH_SHARE * told.mean.abs());
+    let has_turned = change * told.mean < 0.0 && change.abs() > LEAST_GROWTH.max(CERTAIN_SD * sd);
+    is_certain && (is_larger || has_turned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_change_that_grows_by_half_or_turns_is_another() {
+        let told = Interval::normal(-0.01, 0.002);
+        assert!(!grew(&told, -0.018, 0.001), "less than a hundredth more");
+        assert!(grew(&told, -0.045, 0.002));
+        assert!(!grew(&told, -0.045, 0.03), "uncertain");
+        assert!(grew(&told, 0.02, 0.002), "turned");
+        assert!(!grew(&told, 0.004, 0.001), "back");
+        let large = Interval::normal(-0.1, 0.002);
+        assert!(!grew(&large, -0.14, 0.002) && grew(&large, -0.16, 0.002));
+        assert!(!grew(&large, -0.04, 0.002), "smaller");
+    }
+}

@@ -1,0 +1,144 @@
+//! Large losses, and changes after a change, where temperature or baseline are missing or wrong: what is told, and what stays told.
+
+use crate::scenario::{DAY_S, Scenario, raised, told};
+use tirante::analysis::track::{Kind, Observation, Verdict, What};
+
+/// A rod restrained by this share of what stiff walls do.
+fn restrained(days: usize, restraint: f64) -> Scenario {
+    let mut scenario = Scenario::new(days);
+    scenario.rod.thermal.restraint = restraint;
+    scenario
+}
+
+/// Observations without a temperature from a day on.
+fn dark(scenario: &Scenario, seed: u64, from: usize) -> Vec<Observation> {
+    let mut observations = scenario.observations(seed);
+    for observation in &mut observations[from..] {
+        observation.readings.clear();
+    }
+    observations
+}
+
+fn first(verdicts: &[Verdict], kind: Kind) -> Option<usize> {
+    let all = raised(verdicts).into_iter();
+    all.filter(|(_, raised)| *raised == kind)
+        .map(|(index, _)| index)
+        .next()
+}
+
+fn cleared(verdicts: &[Verdict], kind: Kind) -> Option<usize> {
+    let all = told(verdicts, What::Cleared).into_iter();
+    all.filter(|(_, over)| *over == kind)
+        .map(|(index, _)| index)
+        .next()
+}
+
+#[test]
+fn a_loss_behind_a_dead_thermometer_stays_a_limit_until_the_ratio_is_back() {
+    let scenario = restrained(180, 0.5).step(105.5, -0.4);
+    let (_, verdicts) = scenario.follow(&dark(&scenario, 301, 100));
+    // The second record.
+    assert_eq!(
+        first(&verdicts, Kind::Limit),
+        Some(107),
+        "{:?}",
+        raised(&verdicts)
+    );
+    assert_eq!(cleared(&verdicts, Kind::Limit), None);
+    assert_eq!(
+        cleared(&verdicts, Kind::Drift),
+        None,
+        "{:?}",
+        told(&verdicts, What::Cleared)
+    );
+    // The rod was tightened again: the shares are of the force it had.
+    let back = restrained(180, 0.5).step(105.5, -0.4).step(140.5, 0.4);
+    let (_, verdicts) = back.follow(&dark(&back, 301, 100));
+    assert_eq!(first(&verdicts, Kind::Limit), Some(107));
+    assert!(
+        matches!(cleared(&verdicts, Kind::Limit), Some(142..=146)),
+        "{:?}",
+        told(&verdicts, What::Cleared)
+    );
+}
+
+#[test]
+fn a_thermometer_that_reads_too_low_is_no_sudden_loss() {
+    let scenario = restrained(130, 0.9);
+    let mut observations = scenario.observations(302);
+    for reading in observations[100..].iter_mut().flat_map(|one| &mut one.readings) {
+        reading.celsius -= 15.0;
+    }
+    let (_, verdicts) = scenario.follow(&observations);
+    for event in verdicts.iter().flat_map(|verdict| &verdict.events) {
+        assert!(
+            !event.alarm.message.contains("any temperature"),
+            "{}",
+            event.alarm.message
+        );
+        // With no other rod nothing tells it from a loss: the message says so.
+        assert!(
+            event.alarm.message.contains("thermometer"),
+            "{}",
+            event.alarm.message
+        );
+    }
+    let last = verdicts[129].at_reference.expect("compensated").ratio;
+    assert!(last.mean < 0.9, "{last:?}");
+}
+
+#[test]
+fn a_loss_while_the_baseline_is_learned_is_told_with_its_second_record() {
+    for (loss, kind) in [(-0.6, Kind::Limit), (-0.1, Kind::Drift)] {
+        let scenario = Scenario::new(40).step(24.5, loss);
+        let (_, verdicts) = scenario.follow(&scenario.observations(303));
+        assert_eq!(
+            first(&verdicts, kind),
+            Some(26),
+            "{loss}: {:?}",
+            raised(&verdicts)
+        );
+    }
+    let calm = restrained(60, 1.0);
+    for seed in 310..316 {
+        let (_, verdicts) = calm.follow(&calm.observations(seed));
+        assert_eq!(first(&verdicts, Kind::Limit), None, "{seed}");
+    }
+}
+
+#[test]
+fn a_drift_that_grows_after_it_was_acknowledged_is_told_anew() {
+    let mut scenario = Scenario::new(230).step(120.5, -0.025).step(170.5, -0.05);
+    scenario.alarm.limit_loss = 0.3;
+    let observations = scenario.observations(304);
+    let (mut tracker, before) = scenario.follow(&observations[..150]);
+    assert_eq!(raised(&before).len(), 1, "{:?}", raised(&before));
+    let alarm = tracker.state().alarms[0].clone();
+    let now = scenario.simulation.start.plus_seconds(149.9 * DAY_S);
+    assert_eq!(tracker.acknowledge(&alarm.id, now).len(), 1);
+    let after = crate::scenario::follow_on(&mut tracker, &observations[150..]);
+    assert!(
+        matches!(raised(&after)[..], [(22..=26, Kind::Drift)]),
+        "{:?}",
+        raised(&after)
+    );
+    let grown = tracker.state().alarms[0].clone();
+    assert!(
+        grown.id != alarm.id && grown.message.contains("told before"),
+        "{}",
+        grown.message
+    );
+    let size = grown.change.expect("a drift has a size").size;
+    assert!((-0.085..-0.055).contains(&size.mean), "{size:?}");
+    // Repeated every week, with the size it has.
+    let repeats: Vec<_> = after
+        .iter()
+        .flat_map(|one| &one.events)
+        .filter(|one| one.what == What::Repeated)
+        .collect();
+    assert!((4..=8).contains(&repeats.len()), "{}", repeats.len());
+    for repeat in repeats {
+        let size = repeat.alarm.change.as_ref().expect("a drift has a size").size;
+        assert!((-0.09..-0.05).contains(&size.mean), "{size:?}");
+    }
+}

@@ -119,12 +119,11 @@ def judged(program, folder, name, kind, number, seed):
     force = told["axial_force_n"]
     if force is None:
         return row | {"said": told["rejection"]["message"]}
-    n = np.load(draws)
-    n = n["axial_force_n"] if n.dtype.names else n[:, 0]
+    sample = np.load(draws)
     draws.unlink()
     return row | {
         "inside": bool(force["q025"] <= theta[0] <= force["q975"]),
-        "rank": float(np.mean(n < theta[0])),
+        "rank": float(np.average(sample["axial_force_n"] < theta[0], weights=sample["weight"])),
         "cv": force["cv"],
         "ess": told["ess"],
         "conflict": told["conflict"],

@@ -212,12 +212,6 @@ impl PeakSearch {
         let welch = self.welch(record.fs_hz, nperseg).map_err(too_short)?;
         let spectrum = welch.run(&record.samples).map_err(too_short)?;
         let mut peaks = pick_peaks(&spectrum, &self.peaks, low_hz, high_hz);
-        let unmasked = |peak: &Peak| {
-            let is_in = |mask: &Mask| (mask.low_hz..=mask.high_hz).contains(&peak.frequency_hz);
-            !self.masks.iter().any(is_in)
-        };
-        // The time scale of onsets and parts is the rod's, not that of a hum that is left out.
-        peaks.retain(unmasked);
         let strongest = peaks.iter().max_by(|a, b| a.height_db.total_cmp(&b.height_db));
         let parts = Parts::of(record, strongest.map(|peak| peak.frequency_hz));
         if !parts.releases.is_empty() {
@@ -234,7 +228,12 @@ impl PeakSearch {
                 self.add_decay_peaks(&mut peaks, record.fs_hz, decay, stretch_s, (low_hz, high_hz));
             }
         }
-        peaks.retain(unmasked);
+        peaks.retain(|p| {
+            !self
+                .masks
+                .iter()
+                .any(|m| (m.low_hz..=m.high_hz).contains(&p.frequency_hz))
+        });
         let search = Search {
             masks: &self.masks,
             line_hz: spectrum.df_hz,

@@ -136,7 +136,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     .text();
     let config = Config::parse(&text, &files.toml.display().to_string())?;
     let how = as_read(&args.file, how, &sensor)?;
-    let Prepared { generation, mut site } = setup::site(config, None, &GivenUp::default())?;
+    let Prepared { generation, mut site } = setup::site(config, None, &GivenUp::default(), true)?;
     let others = Others {
         how,
         is_meant: true,

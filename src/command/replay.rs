@@ -132,7 +132,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let from = from
         .map(|from| again::open(from, args.store.as_deref(), &config))
         .transpose()?;
-    let Prepared { generation, mut site } = setup::site(config, args.store.as_deref(), &args.given_up)?;
+    let Prepared { generation, mut site } = setup::site(
+        config,
+        args.store.as_deref(),
+        &args.given_up,
+        args.report.is_some(),
+    )?;
     let (config, plans) = (&generation.config, &generation.plans);
     let modes = config
         .rods

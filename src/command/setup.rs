@@ -108,14 +108,22 @@ pub struct Prepared {
     pub site: Site,
 }
 
-/// Prepares a whole site. `store` overrides the configuration's; without either, a store in memory.
+/// Prepares a whole site. `store` overrides the configuration's; without either, a store in memory, which keeps the states of the rods if a
+/// report is made of it.
 ///
 /// # Errors
 /// Plans that cannot be made, a store that cannot be opened, settings that would drop a baseline not given
 /// up.
-pub fn site(config: Config, store: Option<&Path>, given_up: &GivenUp) -> anyhow::Result<Prepared> {
+pub fn site(
+    config: Config,
+    store: Option<&Path>,
+    given_up: &GivenUp,
+    is_reported: bool,
+) -> anyhow::Result<Prepared> {
     let store = match store.or(config.store.path.as_deref()) {
         Some(path) => Store::open(path, Durability::Replay)?,
+        // A report reads the states, too.
+        None if is_reported => Store::in_memory()?,
         None => Store::transient()?,
     };
     if let Some(aside) = store.moved_aside() {

@@ -94,7 +94,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             .cmp(&(b.time, &b.rod))
             .then_with(|| first_hz(a).total_cmp(&first_hz(b)))
     });
-    let Prepared { generation, mut site } = setup::site(config, args.store.as_deref(), &args.given_up)?;
+    let Prepared { generation, mut site } =
+        setup::site(config, args.store.as_deref(), &args.given_up, false)?;
     let config = &generation.config;
     let modes = config
         .rods

@@ -193,7 +193,7 @@ fn analyse(task: &Task, work: &Path, threads: Option<u16>) -> anyhow::Result<Tal
             return Err(BadArguments(why).into());
         }
     };
-    let Prepared { generation, mut site } = setup::site(config, Some(work), &GivenUp::default())?;
+    let Prepared { generation, mut site } = setup::site(config, Some(work), &GivenUp::default(), false)?;
     let known = site.store().all_known().clone();
     if let Some(from) = &from {
         site = site.without_samples(Pictures::of(from)?);

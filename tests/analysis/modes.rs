@@ -1081,7 +1081,6 @@ fn a_weak_neighbour_does_not_push_the_stronger_mode_away() {
                 if strong.frequency_hz == weak.frequency_hz {
                     return None;
                 }
-                assert!(weak.peak_to_noise < strong.peak_to_noise, "{weak:?} {strong:?}");
                 Some((strong.frequency_hz - truth) / gamma)
             })
             .collect();

@@ -628,7 +628,7 @@ mod tests {
             let said = said.unwrap_err().to_string();
             assert!(said.starts_with(flag), "{frequencies}: {said}");
         }
-        let commas = modes("4,492; 9,288", None).unwrap();
-        assert_eq!((commas[0].frequency_hz, commas[1].frequency_hz), (4.492, 9.288));
+        let commas = modes("4,49; 9,28", None).unwrap();
+        assert_eq!((commas[0].frequency_hz, commas[1].frequency_hz), (4.49, 9.28));
     }
 }

@@ -196,7 +196,8 @@ pub fn length(text: &str) -> Result<f64, String> {
 /// True for a number with exactly three digits behind its point, which may separate thousands.
 fn has_three_decimals(text: &str) -> bool {
     let fraction = text.split_once('.').map(|(_, behind)| behind);
-    fraction.is_some_and(|behind| behind.bytes().take_while(u8::is_ascii_digit).count() == 3)
+    let is_power = text.contains(['e', 'E']);
+    fraction.is_some_and(|behind| behind.bytes().take_while(u8::is_ascii_digit).count() == 3) && !is_power
 }
 
 fn thousands(text: &str, unit: &str) -> String {

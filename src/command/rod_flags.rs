@@ -298,8 +298,8 @@ mod tests {
         };
         assert!(missing(&[]).starts_with("--length, --section and --material are needed"));
         assert!(missing(&["--length", "3", "--section", "d40"]).starts_with("--material is needed"));
-        let thick = ["--length", "14.500 mm", "--section", "d45", "--material", "iron"];
-        assert!(missing(&thick).starts_with("0.0145 m long and 45 mm thick is no tie-rod"));
+        let thick = ["--length", "0.2", "--section", "d45", "--material", "iron"];
+        assert!(missing(&thick).starts_with("0.2 m long and 45 mm thick is no tie-rod"));
         // Half a section is none.
         let said = missing(&["--length", "3", "--section", "40 mm", "--material", "iron"]);
         assert!(said.contains("--section 'd 40 mm'"), "{said}");
@@ -324,6 +324,7 @@ mod tests {
         ] {
             assert!(Typed::try_parse_from(["x", flag, text]).is_err(), "{flag} {text}");
         }
+        assert!(Typed::try_parse_from(["x", "--force-n", "2.145e+05"]).is_ok());
         let rod = asked(
             &["--length-m", "9.5", "--width-m", "0.06", "--height-m", "0.02"],
             "iron\n\n",

@@ -38,14 +38,6 @@ impl Sensor {
 /// Place of the sensor of `[rod.channel]`, wanted where there are others, with its standard error \[m\], and error of the calibration.
 /// They say nothing of a sensor that is alone.
 pub(super) fn of_channel(table: &mut Table<'_>, has_others: bool) -> (Option<f64>, f64, f64) {
-    for name in ["at", "gain_error", "place_error_m"] {
-        if table.has(name) && !has_others {
-            table.fault_of(
-                name,
-                "has no effect here, only with [[rod.sensor]]; remove it".to_owned(),
-            );
-        }
-    }
     let at = table.maybe_number(
         key(
             "at",
@@ -54,7 +46,18 @@ pub(super) fn of_channel(table: &mut Table<'_>, has_others: bool) -> (Option<f64
         Range::within(0.0, 1.0),
         Absent::Nothing("not known"),
     );
-    (at, place_error_m(table), gain_error(table))
+    let (place_error_m, gain_error) = (place_error_m(table), gain_error(table));
+    // A configuration with every default filled in is read back: these say nothing.
+    let said = [
+        ("at", at.is_some()),
+        ("gain_error", gain_error != GAIN_ERROR),
+        ("place_error_m", place_error_m != PLACE_ERROR_M),
+    ];
+    for (name, _) in said.into_iter().filter(|(_, is_said)| *is_said && !has_others) {
+        let why = "has no effect here, only with [[rod.sensor]]; remove it";
+        table.fault_of(name, why.to_owned());
+    }
+    (at, place_error_m, gain_error)
 }
 
 /// Reads the further sensors of a rod; `None` in the place of one with a fault.

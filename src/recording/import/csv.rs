@@ -251,10 +251,10 @@ mod tests {
 
     #[test]
     fn a_time_in_an_unknown_unit_is_refused() {
-        let text = "Time [min],d\n0,1.5\n1,2.5\n";
+        let text = "Time [fortnight],d\n0,1.5\n1,2.5\n";
         let error = signals(text, &Table::default()).unwrap_err();
         assert!(
-            error.contains("\"min\"") && error.contains("--time-unit"),
+            error.contains("\"fortnight\"") && error.contains("--time-unit"),
             "{error}"
         );
         let table = Table {

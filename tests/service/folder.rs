@@ -652,7 +652,10 @@ fn journal_and_folder_are_read_side_by_side_by_daemon_and_replay() {
         Step::Event(Event::Record(record), _) => Some(seconds(&record)),
         _ => None,
     });
-    assert_eq!(records.collect::<Vec<f64>>(), expected);
+    // The last record of a file stays open until the next of its series: it may continue there.
+    let records: Vec<f64> = records.collect();
+    let order = [0.0, 10.0, 500.0, 1000.0, 1010.0, 510.0, 1500.0, 1510.0];
+    assert_eq!(records, order);
 }
 
 #[test]

@@ -122,11 +122,18 @@ fn a_drift_that_grows_after_it_was_acknowledged_is_told_anew() {
         "{:?}",
         raised(&after)
     );
-    let grown = tracker.state().alarms[0].clone();
+    let events = || after.iter().flat_map(|one| &one.events);
+    let grown = events()
+        .find(|one| one.what == What::Raised)
+        .expect("it is told")
+        .alarm
+        .clone();
+    let told: Vec<_> = events()
+        .map(|one| (one.what, &one.alarm.id, &one.alarm.message))
+        .collect();
     assert!(
         grown.id != alarm.id && grown.message.contains("told before"),
-        "{}",
-        grown.message
+        "{told:#?}"
     );
     let size = grown.change.expect("a drift has a size").size;
     assert!((-0.085..-0.055).contains(&size.mean), "{size:?}");

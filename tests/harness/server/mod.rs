@@ -8,6 +8,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::os::unix::fs::PermissionsExt;
 use std::process::{Child, Stdio};
+use std::sync::Mutex;
 use std::time::Duration;
 
 /// Longest wait before the test fails.
@@ -23,8 +24,14 @@ pub struct Server {
 
 impl Server {
     pub fn of(site: &Site, store: &str) -> Self {
-        fs::write(site.path("token"), format!("{TOKEN}\n")).unwrap();
-        fs::set_permissions(site.path("token"), fs::Permissions::from_mode(0o600)).unwrap();
+        // Tests that share a site begin servers side by side.
+        static TOKENS: Mutex<()> = Mutex::new(());
+        let writing = TOKENS.lock().unwrap();
+        if !site.path("token").exists() {
+            fs::write(site.path("token"), format!("{TOKEN}\n")).unwrap();
+            fs::set_permissions(site.path("token"), fs::Permissions::from_mode(0o600)).unwrap();
+        }
+        drop(writing);
         let words = [
             "serve",
             "--store",

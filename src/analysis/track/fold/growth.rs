@@ -3,7 +3,7 @@
 //! The onset particles date one change, the strongest; a later one is nothing to them beside the evidence of the first. The change at
 //! the reference temperature holds all of them.
 
-use super::explain::{explain, since};
+use super::explain::explain;
 use super::monitor::{change_now, drift_message, static_sd};
 use super::tracker::Tracker;
 use crate::signal::record::Timestamp;
@@ -65,20 +65,28 @@ fn grown(tracker: &Tracker, told: &Interval, periods: &[&Period]) -> Option<Inte
 }
 
 /// Present change for the repetition of a drift that was told as `told`. The onset particles may date a later change alone, or the
-/// first alone: the alarm has the whole.
+/// first alone: where the last periods all show another change at the reference temperature, that is the whole, since the onset told.
 pub(super) fn change_since_told(tracker: &Tracker, told: Option<&Change>) -> Option<Change> {
     let change = change_now(tracker)?;
-    let last = tracker.state.periods.last();
-    let later = |told: &&Change| change.onset_q025 > told.onset_q975;
-    if let Some((told, size)) = told
-        .filter(later)
-        .zip(last.and_then(|period| at_reference(tracker, period)))
-    {
-        return Some(Change { size, ..told.clone() });
-    }
-    let since: Vec<&Period> = since(tracker, change.onset, None);
-    let size = grown(tracker, &change.size, &since).unwrap_or(change.size);
-    Some(Change { size, ..change })
+    let periods = &tracker.state.periods;
+    let count = tracker.plan.alarm.confirm.max(1);
+    let last = periods
+        .len()
+        .checked_sub(count)
+        .map_or(&[][..], |first| &periods[first..]);
+    let differs =
+        |size: &Interval| (size.mean - change.size.mean).abs() > CERTAIN_SD * size.sd.hypot(change.size.sd);
+    let other: Option<Vec<Interval>> = last
+        .iter()
+        .map(|period| at_reference(tracker, period).filter(differs))
+        .collect();
+    Some(match other.and_then(|sizes| sizes.last().copied()) {
+        None => change,
+        Some(size) => Change {
+            size,
+            ..told.cloned().unwrap_or(change)
+        },
+    })
 }
 
 /// Change at the reference temperature by a period.

@@ -235,6 +235,8 @@ function drawEvents() {
 async function draw() {
   // A list that is long already, or grows, is left to whoever reads it.
   const listed = shown.length <= 25 && !isGrowing ? drawRecords() : null;
+  // Told below, unless the rod itself has no answer.
+  listed?.catch(() => {});
   const [answer, page, single] = await Promise.all([ask(base), ask(`/api/v1/alarms?rod=${encodeURIComponent(id)}&limit=100`), ask(`${base}/latest`)]);
   [rod, alarms, look] = [answer, page.alarms, single];
   drawFacts();

@@ -267,8 +267,8 @@ pub fn section(text: &str) -> Result<Section, String> {
         } else {
             second_unit
         };
-        let own = |unit| if unit == "" { shared } else { unit };
-        let (width, height) = (size(first, own(first_unit))?, size(second, own(second_unit))?);
+        let first_unit_meant = if first_unit.is_empty() { shared } else { first_unit };
+        let (width, height) = (size(first, first_unit_meant)?, size(second, shared)?);
         // A bare size in millimetres behind another unit, `2 cm x 30`, or in metres: `0.04 x 60 mm`.
         let flattest = match (first_unit, second_unit) {
             ("cm" | "in" | "m", "") => FLAT,

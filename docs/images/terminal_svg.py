@@ -3,7 +3,7 @@ r"""Draws what a terminal shows as an SVG: the first argument is the prompt line
 
 tirante replay recordings/campaign-2025.mcap --config config/campaign.toml --store campaign.db 2>/dev/null |
     sed -n '1,7p;7a ...
-            /2025-06-12/,/tirante ack/p' |
+            /2025-06-20/,/tirante ack/p' |
     python3 docs/images/terminal_svg.py 'tirante replay recordings/campaign-2025.mcap --config config/campaign.toml --store campaign.db' \
     > docs/images/replay.svg
 """

@@ -478,13 +478,13 @@ fn a_rods_meaning_changes_with_what_its_numbers_depend_on_and_nothing_else() {
         ("field = \"values\"", "field = \"point.z\""),
         ("topic = \"/nave-3/displacement\"", "topic = \"/other\""),
     ] {
-        assert!(CAMPAIGN.contains(from), "{from}");
-        assert_eq!(same, meaning(&CAMPAIGN.replacen(from, to, 1)), "{to}");
+        assert!(measured.contains(from), "{from}");
+        assert_eq!(same, meaning(&measured.replacen(from, to, 1)), "{to}");
     }
     let celsius = "unit = \"degC\"";
-    assert!(CAMPAIGN.contains(celsius));
+    assert!(measured.contains(celsius));
     let to = format!("{celsius}\nfs_hz = 1.0\ntime = \"publish\"");
-    assert_eq!(same, meaning(&CAMPAIGN.replace(celsius, &to)));
+    assert_eq!(same, meaning(&measured.replace(celsius, &to)));
 }
 
 #[test]

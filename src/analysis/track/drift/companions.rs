@@ -1,14 +1,14 @@
 //! The other rods' median, kept steady while some of them are not measured, drift, or come back.
 //!
 //! Rods differ in how they follow the temperature, so that the median of those measured jumps by per cents when one is missing on
-//! a warm day. A missing rod is therefore continued with the step D of the others, each by its gain g ([`Gain`]),
+//! a warm day. A missing rod is therefore continued with the step D of the others, each by its gain g (`Gain`),
 //!
 //! ```text
 //! y_j(t) = y_j(t') + g_j D,    D the weighed median over the rods measured now of (y_i(t) - y_i(t')) / g_i
 //! ```
 //!
 //! whether its sensor died or it was taken out of the configuration. After more than [`PATIENCE`] periods it bears no witness any more.
-//! A rod that comes later than [`SETTLED`] periods after the first median is left out as long as two others bear witness: the median
+//! A rod that comes later than `SETTLED` periods after the first median is left out as long as two others bear witness: the median
 //! would follow the temperature otherwise from then on than the one the rods have been compared with.
 //!
 //! A rod that is told to drift keeps its part: only what it moved by beside the other rods is taken off, as far as that is certain

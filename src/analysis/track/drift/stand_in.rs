@@ -65,7 +65,7 @@ struct Site {
 
 /// One day of it.
 struct Day {
-    /// What the thermometer says; `None` if it is dead.
+    /// Reading of the thermometer \[degC\]; `None` if it is dead.
     read_c: Option<f64>,
     /// Change of force.
     change: f64,

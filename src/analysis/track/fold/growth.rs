@@ -74,13 +74,17 @@ pub(super) fn change_since_told(tracker: &Tracker, told: Option<&Change>) -> Opt
         .len()
         .checked_sub(count)
         .map_or(&[][..], |first| &periods[first..]);
-    let differs =
-        |size: &Interval| (size.mean - change.size.mean).abs() > CERTAIN_SD * size.sd.hypot(change.size.sd);
-    let other: Option<Vec<Interval>> = last
-        .iter()
-        .map(|period| at_reference(tracker, period).filter(differs))
-        .collect();
-    Some(match other.and_then(|sizes| sizes.last().copied()) {
+    // The error of the static parameters is common to both sizes: the watch's own decide.
+    let own_sd = tracker.state.watch.get()?.change()?.size_sd;
+    let differs = |period: &Period| {
+        let charted = period.charted.as_ref();
+        charted
+            .and_then(|charted| charted.at_reference.zip(charted.at_reference_sd))
+            .is_some_and(|(size, sd)| (size - change.size.mean).abs() > CERTAIN_SD * sd.hypot(own_sd))
+    };
+    let is_other = !last.is_empty() && last.iter().all(differs);
+    let whole = last.last().filter(|_| is_other);
+    Some(match whole.and_then(|period| at_reference(tracker, period)) {
         None => change,
         Some(size) => Change {
             size,

@@ -64,31 +64,32 @@ fn grown(tracker: &Tracker, told: &Interval, periods: &[&Period]) -> Option<Inte
     all?.last().copied()
 }
 
-/// Present change for the repetition of a drift that was told as `told`. The onset particles may date a later change alone, or the
-/// first alone: where the last periods all show another change at the reference temperature, that is the whole, since the onset told.
+/// Present change for the repetition of a drift that was told as `told`. Where the onset particles date a later change alone, the one
+/// told goes on to hold both. Where the last periods all show another change at the reference temperature, that is the whole, since the
+/// onset told.
 pub(super) fn change_since_told(tracker: &Tracker, told: Option<&Change>) -> Option<Change> {
-    let change = change_now(tracker)?;
+    let now = change_now(tracker)?;
+    let dates_a_later_one = |told: &&Change| now.onset_q025 > told.onset_q975;
+    let change = told.filter(dates_a_later_one).unwrap_or(&now);
     let periods = &tracker.state.periods;
-    let count = tracker.plan.alarm.confirm.max(1);
-    let last = periods
-        .len()
-        .checked_sub(count)
-        .map_or(&[][..], |first| &periods[first..]);
-    // The error of the static parameters is common to both sizes: the watch's own decide.
-    let own_sd = tracker.state.watch.get()?.change()?.size_sd;
+    let last = periods.len().saturating_sub(tracker.plan.alarm.confirm.max(1));
+    // The static parameters make all sizes wrong alike: the other errors decide.
+    let by_parameters = static_sd(tracker.shift.as_ref(), change.size.mean);
+    let own_variance = (change.size.sd.powi(2) - by_parameters.powi(2)).max(0.0);
     let differs = |period: &Period| {
         let charted = period.charted.as_ref();
         charted
             .and_then(|charted| charted.at_reference.zip(charted.at_reference_sd))
-            .is_some_and(|(size, sd)| (size - change.size.mean).abs() > CERTAIN_SD * sd.hypot(own_sd))
+            .is_some_and(|(size, sd)| {
+                (size - change.size.mean).abs() > CERTAIN_SD * sd.hypot(own_variance.sqrt())
+            })
     };
-    let is_other = !last.is_empty() && last.iter().all(differs);
-    let whole = last.last().filter(|_| is_other);
-    Some(match whole.and_then(|period| at_reference(tracker, period)) {
-        None => change,
+    let latest = periods.last().filter(|_| periods[last..].iter().all(differs));
+    Some(match latest.and_then(|period| at_reference(tracker, period)) {
+        None => change.clone(),
         Some(size) => Change {
             size,
-            ..told.cloned().unwrap_or(change)
+            ..told.unwrap_or(change).clone()
         },
     })
 }

@@ -76,12 +76,12 @@ impl From<&Marginal> for Interval {
     }
 }
 
-/// Deviation of one mode from the best change of axial force.
+/// Deviation of one mode from the change of axial force that [`Relative::estimate`] states: together they are the mode again.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Misfit {
     /// Mode order, from 1.
     pub order: usize,
-    /// z_n - s_n delta: part of ln f that the change of force leaves unexplained.
+    /// Part of ln f that the change of force leaves unexplained.
     pub residual: f64,
     /// Standard error of z_n from this record's frequency alone.
     pub sd: f64,
@@ -353,7 +353,7 @@ impl Shift {
         let misfit: Vec<Misfit> = common
             .iter()
             .map(|one| {
-                let (value, slope) = mean_and_slope(&self.means[one.mode], delta);
+                let (value, slope) = mean_and_slope(&self.means[one.mode], estimate);
                 record_information += slope * slope / one.record_variance;
                 Misfit {
                     order: one.order,
@@ -365,7 +365,7 @@ impl Shift {
         let places: Vec<usize> = common.iter().map(|one| one.mode).collect();
         let residuals: Vec<f64> = misfit.iter().map(|one| one.residual).collect();
         let variances: Vec<f64> = common.iter().map(|one| one.variance).collect();
-        let (q, freedom) = self.misfit_square(&places, &residuals, &variances, delta);
+        let (q, freedom) = self.misfit_square(&places, &residuals, &variances, estimate);
         Relative {
             ratio: interval(&ratios, u),
             force_n: interval(&forces, &logs),
@@ -578,6 +578,11 @@ const _: () = assert!(MAX_MODES <= 5, "the closed forms end at four degrees of f
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rod::emulator::ReducedModel;
+    use crate::rod::prior::RodPrior;
+    use crate::signal::record::Timestamp;
+    use crate::track::baseline::particles::log_frequencies_of;
+    use crate::track::observation::LogMode;
     use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
     #[test]
@@ -600,6 +605,45 @@ mod tests {
         }
         // Far out, where a difference from one would be zero: exp(-500).
         assert!((chi_square_tail(1000.0, 2) / (-500f64).exp() - 1.0).abs() < 1e-9);
+    }
+
+    /// Periods are compared and explained by both together: what the posterior mean differs by is no misfit.
+    #[test]
+    fn estimate_and_misfit_are_the_modes_again() {
+        let prior = RodPrior::todi();
+        let model = ReducedModel::new(*prior.parameterisation());
+        let observed = |u: f64, errors: [f64; 3]| {
+            let mut theta = prior.centre();
+            theta[0] *= libm::exp(u);
+            let mut logs = [0.0; 3];
+            log_frequencies_of(&model, &theta, 3, &mut logs);
+            let mode = |n: usize| LogMode {
+                order: n + 1,
+                log_frequency: logs[n] + errors[n],
+                log_sd: 1e-4 * (n + 1) as f64,
+            };
+            Observation {
+                start: Timestamp::from_nanos(0),
+                duration_s: 60.0,
+                modes: (0..3).map(mode).collect(),
+                readings: Vec::new(),
+                rms: 1e-5,
+                conflict: 0.0,
+            }
+        };
+        let learned = vec![observed(0.0, [0.0; 3]); 4];
+        let baseline = Baseline::learn(&learned, &prior, &model, &[0.01; 5], 128, 1).unwrap();
+        let shift = Shift::new(&baseline, &model);
+        let record = observed(-0.4, [2e-4, -5e-4, 4e-4]);
+        let relative = shift.relative(&record, 1).unwrap();
+        for (misfit, mode) in relative.misfit.iter().zip(&record.modes) {
+            let again = shift.log_frequency(mode.order, relative.estimate).unwrap() + misfit.residual;
+            assert!((again - mode.log_frequency).abs() < 1e-12, "{again} {mode:?}");
+        }
+        assert!(
+            (relative.log_ratio - relative.estimate).abs() > 1e-4,
+            "{relative:?}"
+        );
     }
 
     #[test]

@@ -8,6 +8,33 @@ use std::fmt::Debug;
 /// each, with 300 six and three. Losses of 1 % were detected as soon.
 pub(crate) const MOVING: f64 = 50.0;
 
+/// Least share of the size expected from another rod's change that moves with it: less is a fluctuation of its own.
+const SHARED: f64 = 0.3;
+/// Most and least credible ratio of the slopes by which two rods follow a temperature.
+const SLOPES: [f64; 2] = [1.0 / 3.0, 3.0];
+
+/// A change of one rod that others may share.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Movement {
+    /// Time since which another rod's change may be the same \[d\].
+    pub since: f64,
+    /// Change as a share of the force.
+    pub size: f64,
+    /// Slope of the ratio with temperature \[1/K\], if it is known.
+    pub slope_per_k: Option<f64>,
+}
+
+impl Movement {
+    /// True if another rod moved by as much in the same direction, each by its slope: as a wrong temperature, the weather, or the whole
+    /// structure would move it.
+    fn is_shared_by(&self, other: &dyn Neighbour) -> bool {
+        let [least, most] = SLOPES;
+        let slopes = self.slope_per_k.zip(other.slope_per_k());
+        let ratio = slopes.map_or(1.0, |(own, other)| (other / own).clamp(least, most));
+        other.size() / self.size > SHARED * if ratio.is_nan() { 1.0 } else { ratio }
+    }
+}
+
 /// Another rod of the site at one moment of event time.
 pub trait Neighbour: Debug + Sync {
     /// The rod's name.
@@ -19,14 +46,17 @@ pub trait Neighbour: Debug + Sync {
     /// Number of the last period that ended; `None` before the first.
     fn last_period(&self) -> Option<i64>;
 
-    /// Evidence of a change of its own, given all that is known.
-    fn evidence(&self) -> f64;
+    /// Evidence of a change of its own that began after a time \[d\], given all that is known.
+    fn evidence(&self, since: Option<f64>) -> f64;
 
-    /// Evidence of a change from the rod's data without the others.
-    fn evidence_alone(&self) -> f64;
+    /// Evidence of such a change from the rod's data without the others.
+    fn evidence_alone(&self, since: Option<f64>) -> f64;
 
-    /// Size of that change, as a share of the force.
+    /// Change as it stands now, as a share of the force.
     fn size(&self) -> f64;
+
+    /// Slope of the ratio with temperature \[1/K\], if it is known.
+    fn slope_per_k(&self) -> Option<f64>;
 
     /// Expected change of the ratio beside the other rods: zero while there is little evidence of one.
     fn moved_beside_others(&self) -> f64;
@@ -72,9 +102,12 @@ impl<'a> Others<'a> {
         followed.filter(move |rod| rod.last_period().is_some_and(is_recent))
     }
 
-    /// Number of them that show evidence of a change themselves, or were reported to have moved together.
-    pub(crate) fn moving(&self, index: i64) -> usize {
-        let shows = |rod: &dyn Neighbour| rod.evidence() > MOVING && rod.evidence_alone() > MOVING;
+    /// Number of them that show evidence of the same movement, or were reported to have moved together.
+    pub(crate) fn moving(&self, index: i64, movement: &Movement) -> usize {
+        let since = Some(movement.since);
+        let shows = |rod: &dyn Neighbour| {
+            rod.evidence(since) > MOVING && rod.evidence_alone(since) > MOVING && movement.is_shared_by(rod)
+        };
         self.followed(index)
             .filter(|rod| (!rod.is_confirmed() && shows(*rod)) || rod.has_moved_with_others())
             .count()
@@ -89,10 +122,10 @@ impl<'a> Others<'a> {
             } else {
                 0.0
             };
-            rod.size() - taken_off
+            rod.size().abs() - taken_off
         };
         self.followed(index)
-            .any(|rod| rod.evidence() > MOVING && in_median(rod) > size())
+            .any(|rod| rod.evidence(None) > MOVING && in_median(rod) > size())
     }
 
     /// True if one of them has already reported that rods move together.

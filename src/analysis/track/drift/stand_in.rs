@@ -31,14 +31,18 @@ impl Neighbour for Rod {
     fn last_period(&self) -> Option<i64> {
         Some(self.index)
     }
-    fn evidence(&self) -> f64 {
+    fn evidence(&self, _: Option<f64>) -> f64 {
         self.evidence
     }
-    fn evidence_alone(&self) -> f64 {
+    fn evidence_alone(&self, _: Option<f64>) -> f64 {
         self.evidence
     }
+    /// A rise by 1 %, if it shows any.
     fn size(&self) -> f64 {
-        0.0
+        if self.evidence > 0.0 { 0.01 } else { 0.0 }
+    }
+    fn slope_per_k(&self) -> Option<f64> {
+        None
     }
     fn moved_beside_others(&self) -> f64 {
         0.0
@@ -185,16 +189,16 @@ fn rods_that_leave_bring_back_nothing_they_explained() {
     site.follow(0..200, shifted);
     assert!(site.is_quiet_since(0), "{:?}", site.found);
     assert!(
-        site.watch.evidence_alone() > LIMIT,
+        site.watch.evidence_alone(None) > LIMIT,
         "{}",
-        site.watch.evidence_alone()
+        site.watch.evidence_alone(None)
     );
     site.follow(200..240, |day| Day {
         others: vec![("b", Some(-0.008))],
         ..shifted(day)
     });
     assert!(site.is_quiet_since(200), "{:?}", &site.found[200..]);
-    assert!(site.watch.evidence() < LIMIT, "{}", site.watch.evidence());
+    assert!(site.watch.evidence(None) < LIMIT, "{}", site.watch.evidence(None));
     // What begins then is told.
     site.follow(240..246, |day| Day {
         others: vec![("b", Some(-0.008))],
@@ -215,7 +219,7 @@ fn a_watch_made_anew_without_the_other_rods_tells_nothing_they_explained() {
         others: Vec::new(),
         ..shifted(day)
     });
-    assert!(site.watch.evidence() > LIMIT);
+    assert!(site.watch.evidence(None) > LIMIT);
     site.watch.looked_beside_others(199.5);
     let before = site.found.len();
     site.follow(200..260, shifted);
@@ -276,7 +280,7 @@ fn what_the_last_reading_showed_is_not_lost_with_the_thermometer() {
         site.found[91..].contains(&Finding::Drift(Witness::Blind)),
         "{:?} {}",
         &site.found[91..],
-        site.watch.evidence()
+        site.watch.evidence(None)
     );
 }
 
@@ -297,9 +301,9 @@ fn a_reading_that_is_missing_makes_no_rod_move() {
         ..Day::alone(day)
     });
     assert!(
-        site.watch.evidence_alone() <= MOVING,
+        site.watch.evidence_alone(None) <= MOVING,
         "{}",
-        site.watch.evidence_alone()
+        site.watch.evidence_alone(None)
     );
     assert!(site.is_quiet_since(0));
 }
@@ -315,7 +319,7 @@ fn a_notice_of_the_site_needs_the_evidence_of_all_its_rods() {
             evidence: 2.0 * MOVING,
             ..Day::of(day)
         });
-        (site.found[65], site.watch.evidence())
+        (site.found[65], site.watch.evidence(None))
     };
     let (_, evidence) = last(LIMIT);
     assert!(evidence > LIMIT, "{evidence}");

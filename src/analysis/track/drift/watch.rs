@@ -17,7 +17,7 @@
 
 use super::companions;
 use super::compensated::Compensated;
-use super::others::{MOVING, Others};
+use super::others::{MOVING, Movement, Others};
 use super::period::{Charted, Evidence, Period};
 use super::regressors::FILTERS_D;
 use super::{BankPrior, Change, Companions, Detector, Law, Regressors, Seen, ThermalPrior};
@@ -199,24 +199,29 @@ impl DriftWatch {
         self.compensated.is_some()
     }
 
-    /// R of the detector with the most inputs of late.
-    pub fn evidence(&self) -> f64 {
-        if self.current_watching().is_some() {
-            return self.watching_statistic();
+    /// R of the detector with the most inputs of late, by changes that began after a time \[d\].
+    pub fn evidence(&self, since: Option<f64>) -> f64 {
+        if let Some(watching) = self.current_watching() {
+            return watching
+                .detector
+                .statistic_since(latest(since, self.watching_since()));
         }
         match self.current_peers() {
-            Some(peers) => peers.statistic_since(self.by_temperature_until.until),
-            None => self.blind.statistic_since(self.informed_until()),
+            Some(peers) => peers.statistic_since(latest(since, self.by_temperature_until.until)),
+            None => self.blind.statistic_since(latest(since, self.informed_until())),
         }
     }
 
-    /// R of the detector with the most inputs that does not use the other rods, so that no other rod can raise it.
-    pub fn evidence_alone(&self) -> f64 {
+    /// R of the detector with the most inputs that does not use the other rods, so that no other rod can raise it, by changes that
+    /// began after a time \[d\].
+    pub fn evidence_alone(&self, since: Option<f64>) -> f64 {
         let knows_no_others = || self.compensated.as_ref().filter(|one| !one.knows_others);
         let by_temperature = self.by_temperature.as_ref().or_else(knows_no_others);
         match by_temperature.filter(|_| self.last.alone) {
-            Some(one) => one.detector.statistic(),
-            None => self.blind.statistic_since(self.by_temperature_until.until),
+            Some(one) => one.detector.statistic_since(since),
+            None => self
+                .blind
+                .statistic_since(latest(since, self.by_temperature_until.until)),
         }
     }
 
@@ -241,10 +246,32 @@ impl DriftWatch {
             .reduce(f64::max)
     }
 
-    /// Size of the change as it stands now, as a share of the force; zero without one.
+    /// Change as it stands now, as a share of the force; zero without one.
     pub fn size(&self) -> f64 {
         let size = |(detector, since): (&Detector, _)| detector.size_since(since);
-        self.informed().find_map(size).map_or(0.0, f64::abs)
+        self.informed().find_map(size).unwrap_or(0.0)
+    }
+
+    /// The change as other rods may share it: theirs may be up to twice as old as its earliest credible onset.
+    pub(crate) fn movement(&self) -> Option<Movement> {
+        let (change, now) = (self.change()?, self.blind.began()?);
+        Some(Movement {
+            since: 2.0 * change.onset_interval[0] - now,
+            size: change.size,
+            slope_per_k: self.slope().map(|(slope, _)| slope),
+        })
+    }
+
+    /// Number of other rods that share the change.
+    pub(crate) fn moving(&self, others: &Others, index: i64) -> usize {
+        self.movement()
+            .map_or(0, |movement| others.moving(index, &movement))
+    }
+
+    /// True unless too many of the other rods move: what moves them together is no change of one.
+    pub(crate) fn is_calm(&self, others: &Others, index: i64) -> bool {
+        let count = others.count();
+        count < companions::FEWEST || self.moving(others, index) as f64 <= MOVING_SHARE * count as f64
     }
 
     /// The detector with temperature, unless it has taken no period for long, or the other rods stand in.
@@ -475,15 +502,15 @@ impl DriftWatch {
     /// Joint finding of the detectors after the last period, `index`. What shows only relative to the median may be another rod;
     /// `is_new`: not for so long that it would have been reported.
     pub(crate) fn finding(&self, others: &Others, index: i64, is_new: bool) -> Finding {
-        if is_new && self.evidence_alone() <= MOVING && others.is_one_of_them(index, || self.size()) {
+        let is_smaller = || others.is_one_of_them(index, || self.size().abs());
+        if is_new && self.evidence_alone(None) <= MOVING && is_smaller() {
             return Finding::Quiet;
         }
         let has_witnesses = self.has_witnesses();
-        let is_calm = is_calm(others, index);
         if self.above.compensated {
             if has_witnesses && self.above.peers {
                 Finding::Drift(Witness::Confirmed)
-            } else if !is_calm {
+            } else if !self.is_calm(others, index) {
                 let rods = (others.count() + 1) as f64;
                 if self.watching_statistic() > rods * self.limit {
                     Finding::Common
@@ -630,9 +657,9 @@ impl DriftWatch {
     }
 }
 
-/// True unless too many of the other rods move: what moves them together is no change of one.
-pub(crate) fn is_calm(others: &Others, index: i64) -> bool {
-    others.count() < companions::FEWEST || others.moving(index) as f64 <= MOVING_SHARE * others.count() as f64
+/// The later of two times \[d\] after which changes count.
+fn latest(one: Option<f64>, other: Option<f64>) -> Option<f64> {
+    one.into_iter().chain(other).reduce(f64::max)
 }
 
 /// Input of a detector for a period.

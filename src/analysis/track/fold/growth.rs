@@ -11,7 +11,7 @@ use crate::track::alarm::change::Change;
 use crate::track::alarm::{Alarm, Kind, Known};
 use crate::track::drift::others::Others;
 use crate::track::drift::period::Period;
-use crate::track::drift::watch::{self, Witness};
+use crate::track::drift::watch::Witness;
 use crate::track::relative::Interval;
 
 /// Standard deviations from which a change is certainly another than the one told.
@@ -24,7 +24,8 @@ const GROWTH_SHARE: f64 = 0.5;
 /// Reports a drift again that has grown or turned since it was told, acknowledged or not.
 pub(super) fn look_at_growth(tracker: &mut Tracker, period: &Period, others: &Others, time: Timestamp) {
     // Moved together, they point to the thermometer.
-    if !watch::is_calm(others, period.index) {
+    let watch = tracker.state.watch.get();
+    if !watch.is_some_and(|watch| watch.is_calm(others, period.index)) {
         return;
     }
     let is_drift = |alarm: &Alarm| alarm.kind == Kind::Drift && alarm.cleared.is_none();

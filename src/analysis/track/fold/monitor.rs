@@ -80,7 +80,7 @@ pub(crate) fn tell_ahead(tracker: &mut Tracker, others: &Others, time: Timestamp
     watch(&mut ahead, &mut period, others);
     look_at_finding(&mut ahead, &period, others, time);
     // What shows only relative to the others waits until they have their say on the period.
-    let shows_alone = ahead.state.evidence_alone() > MOVING;
+    let shows_alone = ahead.state.evidence_alone(None) > MOVING;
     if ahead.state.drifts() && shows_alone {
         tracker.state.alarms = ahead.state.alarms;
         tracker.state.watches = ahead.state.watches;
@@ -255,7 +255,11 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
             if drifts || state.holds(Kind::Common) || others.has_told_common(period.index) || !has_lasted => {
         }
         Finding::Common => {
-            let message = common_message(&change, others, period.index);
+            let moving = state
+                .watch
+                .get()
+                .map_or(0, |watch| watch.moving(others, period.index));
+            let message = common_message(&change, moving, others.count());
             let known = Known {
                 change: Some(change),
                 ..Known::default()
@@ -321,7 +325,7 @@ fn look_at_limit(tracker: &mut Tracker, period: &Period, others: &Others, time: 
     let watch = tracker.state.watch.get();
     let found = |watch: &&DriftWatch| watch.finding(others, period.index, false);
     let seems_common = |watch: &&DriftWatch| matches!(found(watch), Finding::Common | Finding::Waiting);
-    let common = watch.filter(seems_common).map_or(0.0, DriftWatch::size);
+    let common = watch.filter(seems_common).map_or(0.0, |watch| watch.size().abs());
     let common = common.max(tracker.state.common_size());
     let sd = charted_sd
         .hypot(common)
@@ -482,12 +486,12 @@ pub(crate) fn drift_message(change: &Change, witness: Witness, alternatives: Opt
     )
 }
 
-fn common_message(change: &Change, others: &Others, index: i64) -> String {
+fn common_message(change: &Change, moving: usize, others: usize) -> String {
     format!(
         "{} of {} rods moved together since about {}: the thermometer, the weather, or the whole structure; no rod differs from the \
          others",
-        others.moving(index) + 1,
-        others.count() + 1,
+        moving + 1,
+        others + 1,
         date(change.onset)
     )
 }

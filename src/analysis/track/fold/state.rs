@@ -289,16 +289,20 @@ impl Neighbour for State {
         self.closed
     }
 
-    fn evidence(&self) -> f64 {
-        self.watch.get().map_or(0.0, DriftWatch::evidence)
+    fn evidence(&self, since: Option<f64>) -> f64 {
+        self.watch.get().map_or(0.0, |watch| watch.evidence(since))
     }
 
-    fn evidence_alone(&self) -> f64 {
-        self.watch.get().map_or(0.0, DriftWatch::evidence_alone)
+    fn evidence_alone(&self, since: Option<f64>) -> f64 {
+        self.watch.get().map_or(0.0, |watch| watch.evidence_alone(since))
     }
 
     fn size(&self) -> f64 {
         self.watch.get().map_or(0.0, DriftWatch::size)
+    }
+
+    fn slope_per_k(&self) -> Option<f64> {
+        Some(self.watch.get()?.slope()?.0)
     }
 
     fn moved_beside_others(&self) -> f64 {

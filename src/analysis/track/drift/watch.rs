@@ -15,26 +15,23 @@
 //! median waits a few periods while a rod in the median shows a larger one. Once that rod is reported, the
 //! median goes on without its change.
 
+mod evidence;
+mod finding;
+
+pub(crate) use finding::Finding;
+pub use finding::Witness;
+
 use super::companions;
 use super::compensated::Compensated;
-use super::others::{MOVING, Movement, Others};
+use super::others::{MOVING, Others};
 use super::period::{Charted, Evidence, Period};
 use super::regressors::FILTERS_D;
-use super::{BankPrior, Change, Companions, Detector, Law, Regressors, Seen, ThermalPrior};
+use super::{BankPrior, Companions, Detector, Law, Regressors, Seen, ThermalPrior};
+use finding::Above;
 use serde::{Deserialize, Serialize};
-
-/// Number of periods since the last restart after which absence of evidence counts.
-const SETTLED_PERIODS: usize = 30;
-
-/// Largest share of the other rods that may move beside a drifting rod.
-const MOVING_SHARE: f64 = 0.25;
 
 /// Upper limit of the evidence: R grows without bound while a change lasts.
 const MOST_EVIDENCE: f64 = 1e12;
-
-/// Standard deviations of the predictive law from which a sudden change is reported within days without a temperature: a smaller
-/// one is learned as weather by the broadest members of the bank.
-const TOLD_SD: f64 = 5.0;
 
 /// Periods between true changes of one rod, in periods between its false alarms: a change that the other rods confirm, and that is
 /// taken off their median, must be as much more certain than an alarm.
@@ -121,51 +118,6 @@ struct Sources {
     alone: bool,
 }
 
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-struct Above {
-    compensated: bool,
-    /// The other rods confirm a change.
-    peers: bool,
-    /// Those that stand in, by changes since a better-informed one last looked.
-    peers_alone: bool,
-    blind: bool,
-}
-
-impl Above {
-    fn any(self) -> bool {
-        self.compensated || self.peers || self.peers_alone || self.blind
-    }
-}
-
-/// Detectors behind a change of force.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Witness {
-    /// Temperature is compensated, and the other rods confirm the change.
-    Confirmed,
-    /// Temperature is compensated; the other rods do not confirm the change yet.
-    Unconfirmed,
-    /// Temperature is compensated; there are too few rods to distinguish force from thermometer.
-    Alone,
-    /// Compared with the other rods; there is no temperature.
-    Peers,
-    /// The rod's own data only: there is neither temperature nor other rods.
-    Blind,
-}
-
-/// Joint finding of the detectors after a period.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Finding {
-    /// No change.
-    Quiet,
-    /// The rod's force changed.
-    Drift(Witness),
-    /// It moved together with other rods: thermometer, weather, or the whole structure.
-    Common,
-    /// It seems to move together with other rods; a notice of the site needs more evidence.
-    Waiting,
-}
-
 impl DriftWatch {
     /// A watch before its first period, of day `origin`.
     pub(crate) fn new(origin: f64, noise_sd: f64) -> Self {
@@ -197,101 +149,6 @@ impl DriftWatch {
     /// True if a temperature has ever come, or none is needed.
     pub fn is_compensated(&self) -> bool {
         self.compensated.is_some()
-    }
-
-    /// R of the detector with the most inputs of late, by changes that began after a time \[d\].
-    pub fn evidence(&self, since: Option<f64>) -> f64 {
-        if let Some(watching) = self.current_watching() {
-            return watching
-                .detector
-                .statistic_since(latest(since, self.watching_since()));
-        }
-        match self.current_peers() {
-            Some(peers) => peers.statistic_since(latest(since, self.by_temperature_until.until)),
-            None => self.blind.statistic_since(latest(since, self.informed_until())),
-        }
-    }
-
-    /// R of the detector with the most inputs that does not use the other rods, so that no other rod can raise it, by changes that
-    /// began after a time \[d\].
-    pub fn evidence_alone(&self, since: Option<f64>) -> f64 {
-        let knows_no_others = || self.compensated.as_ref().filter(|one| !one.knows_others);
-        let by_temperature = self.by_temperature.as_ref().or_else(knows_no_others);
-        match by_temperature.filter(|_| self.last.alone) {
-            Some(one) => one.detector.statistic_since(since),
-            None => self
-                .blind
-                .statistic_since(latest(since, self.by_temperature_until.until)),
-        }
-    }
-
-    /// Expected change of the ratio beside the other rods, true changes being rarer than false alarms: zero while there is little
-    /// evidence of one. A wrong thermometer has no part in it.
-    pub fn moved_beside_others(&self) -> f64 {
-        let Some(peers) = self.current_peers() else {
-            return 0.0;
-        };
-        let odds = peers.statistic() / (RARER * self.limit);
-        peers
-            .size_since(None)
-            .map_or(0.0, |size| size * odds / (1.0 + odds))
-    }
-
-    /// Time until which a detector with temperature or other rods looked \[d\].
-    fn informed_until(&self) -> Option<f64> {
-        let looked = [self.by_temperature_until, self.by_others_until];
-        looked
-            .into_iter()
-            .filter_map(|looked| looked.until)
-            .reduce(f64::max)
-    }
-
-    /// Change as it stands now, as a share of the force; zero without one.
-    pub fn size(&self) -> f64 {
-        let size = |(detector, since): (&Detector, _)| detector.size_since(since);
-        self.informed().find_map(size).unwrap_or(0.0)
-    }
-
-    /// The change as other rods may share it: theirs may be up to twice as old as its earliest credible onset.
-    pub(crate) fn movement(&self) -> Option<Movement> {
-        let (change, now) = (self.change()?, self.blind.began()?);
-        Some(Movement {
-            since: 2.0 * change.onset_interval[0] - now,
-            size: change.size,
-            slope_per_k: self.slope().map(|(slope, _)| slope),
-        })
-    }
-
-    /// Number of other rods that share the change.
-    pub(crate) fn moving(&self, others: &Others, index: i64) -> usize {
-        self.movement()
-            .map_or(0, |movement| others.moving(index, &movement))
-    }
-
-    /// True unless too many of the other rods move: what moves them together is no change of one.
-    pub(crate) fn is_calm(&self, others: &Others, index: i64) -> bool {
-        let count = others.count();
-        count < companions::FEWEST || self.moving(others, index) as f64 <= MOVING_SHARE * count as f64
-    }
-
-    /// The detector with temperature, unless it has taken no period for long, or the other rods stand in.
-    fn current_watching(&self) -> Option<&Compensated> {
-        let pauses = !self.last.others && self.without_temperature <= companions::PATIENCE;
-        self.watching().filter(|_| self.last.temperature || pauses)
-    }
-
-    /// The detector with the other rods, unless it has taken no period for long.
-    fn current_peers(&self) -> Option<&Detector> {
-        let peers = self.peers.as_ref();
-        peers.filter(|_| self.without_others <= companions::PATIENCE)
-    }
-
-    /// Slope of N_t / N_0 with a constant temperature, and its standard deviation \[1/K\]; `None` without a
-    /// temperature.
-    pub fn slope(&self) -> Option<(f64, f64)> {
-        let compensated = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
-        let compensated = Some(compensated).filter(|one| one.knows_temperature)?;
-        Some(compensated.detector.slope(self.limit, FILTERS_D.len()))
     }
 
     /// Takes a period; `median`: that of the other rods' ratios.
@@ -448,176 +305,6 @@ impl DriftWatch {
         self.by_both_until.until = Some(until);
     }
 
-    /// Compensated detector in use: that with the other rods, unless they are absent.
-    fn watching(&self) -> Option<&Compensated> {
-        let stands_in = self.without_others > companions::PATIENCE;
-        let alone = self.by_temperature.as_ref().filter(|_| stands_in);
-        alone.or(self.compensated.as_ref())
-    }
-
-    /// Time from which on changes count for the detector in use: one with temperature only stands in for one with the other rods.
-    fn watching_since(&self) -> Option<f64> {
-        self.watching()
-            .filter(|one| !one.knows_others)
-            .and(self.by_both_until.until)
-    }
-
-    /// R of the detector in use.
-    fn watching_statistic(&self) -> f64 {
-        let since = self.watching_since();
-        self.watching()
-            .map_or(0.0, |one| one.detector.statistic_since(since))
-    }
-
-    /// Finds the detectors above their limit. Periods since the onset of a change reported now do not count
-    /// for commissioning.
-    fn look(&mut self, limit: f64) {
-        let was_told = self.above.any();
-        let is_above = |detector: &Detector, since, limit| detector.statistic_since(since) > limit;
-        let peers = |since, limit| (self.peers.as_ref()).is_some_and(|peers| is_above(peers, since, limit));
-        self.above = Above {
-            compensated: self.watching_statistic() > limit,
-            peers: peers(None, RARER * limit),
-            peers_alone: peers(self.by_temperature_until.until, limit),
-            blind: is_above(&self.blind, self.informed_until(), limit),
-        };
-        if !was_told
-            && self.above.any()
-            && let Some(change) = self.change()
-        {
-            for known in [&mut self.compensated, &mut self.by_temperature]
-                .into_iter()
-                .flatten()
-            {
-                known.withdraw(change.onset_interval[0]);
-            }
-        }
-    }
-
-    /// True while other rods bear witness.
-    pub(crate) fn has_witnesses(&self) -> bool {
-        self.peers.is_some() && self.without_others <= companions::PATIENCE
-    }
-
-    /// Joint finding of the detectors after the last period, `index`. What shows only relative to the median may be another rod;
-    /// `is_new`: not for so long that it would have been reported.
-    pub(crate) fn finding(&self, others: &Others, index: i64, is_new: bool) -> Finding {
-        let is_smaller = || others.is_one_of_them(index, || self.size().abs());
-        if is_new && self.evidence_alone(None) <= MOVING && is_smaller() {
-            return Finding::Quiet;
-        }
-        let has_witnesses = self.has_witnesses();
-        if self.above.compensated {
-            if has_witnesses && self.above.peers {
-                Finding::Drift(Witness::Confirmed)
-            } else if !self.is_calm(others, index) {
-                let rods = (others.count() + 1) as f64;
-                if self.watching_statistic() > rods * self.limit {
-                    Finding::Common
-                } else {
-                    Finding::Waiting
-                }
-            } else if has_witnesses {
-                Finding::Drift(Witness::Unconfirmed)
-            } else {
-                Finding::Drift(Witness::Alone)
-            }
-        } else if self.last.temperature {
-            Finding::Quiet
-        } else if self.last.others {
-            if self.above.peers_alone {
-                Finding::Drift(Witness::Peers)
-            } else {
-                Finding::Quiet
-            }
-        } else if self.above.blind {
-            Finding::Drift(Witness::Blind)
-        } else {
-            Finding::Quiet
-        }
-    }
-
-    /// Onset, size and shape of the change, by the best-informed detector of the last period.
-    pub(crate) fn change(&self) -> Option<Change> {
-        // What stands in counts onsets since the middle of the last period that a better-informed one took. That period may have
-        // been a mixture: the onset may lie in it.
-        let change = |(detector, since): (&Detector, Option<f64>)| {
-            detector.change_since(
-                since,
-                since
-                    .zip(self.informed_from())
-                    .map(|(since, from)| since.min(from)),
-            )
-        };
-        self.informed().find_map(change)
-    }
-
-    /// Start of the last period that any detector with temperature or other rods took \[d\].
-    fn informed_from(&self) -> Option<f64> {
-        let thermal = [&self.compensated, &self.by_temperature].into_iter().flatten();
-        let detectors = thermal.map(|one| &one.detector).chain(&self.peers);
-        detectors.filter_map(Detector::began).reduce(f64::max)
-    }
-
-    /// Detectors that had their inputs in the last period, the best-informed first, each with the time from which on its changes
-    /// count.
-    fn informed(&self) -> impl Iterator<Item = (&Detector, Option<f64>)> {
-        let is_compensated = self.last.temperature || self.above.compensated;
-        let compensated = self.watching().filter(|_| is_compensated);
-        let peers = self.peers.as_ref().filter(|_| self.last.others);
-        let first = compensated
-            .map(|one| (&one.detector, self.watching_since()))
-            .into_iter();
-        let second = peers
-            .map(|peers| (peers, self.by_temperature_until.until))
-            .into_iter();
-        first.chain(second).chain([(&self.blind, self.informed_until())])
-    }
-
-    /// Change of the ratio of a record since commissioning at the reference temperature, and its standard deviation; `None`
-    /// without its temperature.
-    pub(crate) fn change_of(
-        &self,
-        day: f64,
-        ratio: f64,
-        sd: f64,
-        filtered_c: Option<&[f64; FILTERS_D.len()]>,
-    ) -> Option<(f64, f64)> {
-        let compensated = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
-        let columns = compensated.columns(day, filtered_c, None)?;
-        let seen = Seen {
-            day,
-            began: day,
-            measured: day,
-            ratio,
-            sd,
-            columns: &columns,
-        };
-        compensated.change(&seen, self.limit, self.above.any())
-    }
-
-    /// Predictive law of a record by the rod's own data only.
-    pub(crate) fn blind_law(&self, day: f64, ratio: f64, sd: f64) -> Option<Law> {
-        let regressors = Regressors {
-            reference_c: 0.0,
-            origin: self.origin,
-        };
-        self.blind.predict(&Seen {
-            day,
-            began: day,
-            measured: day,
-            ratio,
-            sd,
-            columns: &regressors.blind(day),
-        })
-    }
-
-    /// Sudden change that would be reported at the next period without a temperature, as a share of the
-    /// force.
-    pub(crate) fn least_told_blind(&self, day: f64) -> Option<f64> {
-        Some(TOLD_SD * self.blind_law(day, 0.0, self.noise_sd)?.sd)
-    }
-
     /// Restarts after a change that ended: the effect of temperature stays known.
     pub(crate) fn restart(&mut self) {
         if let Some(compensated) = &mut self.compensated {
@@ -633,33 +320,6 @@ impl DriftWatch {
         self.above = Above::default();
         self.has_joined = false;
     }
-
-    /// True while the detector with the rod's own data only sees a change.
-    pub(crate) fn is_blind_above(&self) -> bool {
-        self.blind.statistic() > self.limit
-    }
-
-    /// True once it has run long enough for absence of evidence to count.
-    pub(crate) fn is_settled(&self) -> bool {
-        self.blind.fresh() >= SETTLED_PERIODS
-    }
-
-    /// Notes if the rod moves with others of which one reported it; returns true if that is over now.
-    pub(crate) fn joins(&mut self, others: &Others, index: i64, moves: bool) -> bool {
-        let was_joined = self.has_joined;
-        self.has_joined = others.has_told_common(index) && (was_joined || moves);
-        was_joined && !self.has_joined
-    }
-
-    /// True while it moves with others of which one reported it.
-    pub(crate) fn has_joined(&self) -> bool {
-        self.has_joined
-    }
-}
-
-/// The later of two times \[d\] after which changes count.
-fn latest(one: Option<f64>, other: Option<f64>) -> Option<f64> {
-    one.into_iter().chain(other).reduce(f64::max)
 }
 
 /// Input of a detector for a period.

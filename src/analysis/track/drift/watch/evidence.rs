@@ -1,0 +1,193 @@
+//! Evidence, size and onset of a change, by the detectors that had their inputs of late.
+
+use super::{DriftWatch, RARER};
+use crate::track::drift::companions;
+use crate::track::drift::compensated::Compensated;
+use crate::track::drift::regressors::FILTERS_D;
+use crate::track::drift::{Change, Detector, Law, Regressors, Seen};
+
+/// Standard deviations of the predictive law from which a sudden change is reported within days without a temperature: a smaller
+/// one is learned as weather by the broadest members of the bank.
+const TOLD_SD: f64 = 5.0;
+
+impl DriftWatch {
+    /// R of the detector with the most inputs of late, by changes that began after a time \[d\].
+    pub fn evidence(&self, since: Option<f64>) -> f64 {
+        if let Some(watching) = self.current_watching() {
+            return watching
+                .detector
+                .statistic_since(latest(since, self.watching_since()));
+        }
+        match self.current_peers() {
+            Some(peers) => peers.statistic_since(latest(since, self.by_temperature_until.until)),
+            None => self.blind.statistic_since(latest(since, self.informed_until())),
+        }
+    }
+
+    /// R of the detector with the most inputs that does not use the other rods, so that no other rod can raise it, by changes that
+    /// began after a time \[d\].
+    pub fn evidence_alone(&self, since: Option<f64>) -> f64 {
+        let knows_no_others = || self.compensated.as_ref().filter(|one| !one.knows_others);
+        let by_temperature = self.by_temperature.as_ref().or_else(knows_no_others);
+        match by_temperature.filter(|_| self.last.alone) {
+            Some(one) => one.detector.statistic_since(since),
+            None => self
+                .blind
+                .statistic_since(latest(since, self.by_temperature_until.until)),
+        }
+    }
+
+    /// Expected change of the ratio beside the other rods, true changes being rarer than false alarms: zero while there is little
+    /// evidence of one. A wrong thermometer has no part in it.
+    pub fn moved_beside_others(&self) -> f64 {
+        let Some(peers) = self.current_peers() else {
+            return 0.0;
+        };
+        let odds = peers.statistic() / (RARER * self.limit);
+        peers
+            .size_since(None)
+            .map_or(0.0, |size| size * odds / (1.0 + odds))
+    }
+
+    /// Change as it stands now, as a share of the force; zero without one.
+    pub fn size(&self) -> f64 {
+        let size = |(detector, since): (&Detector, _)| detector.size_since(since);
+        self.informed().find_map(size).unwrap_or(0.0)
+    }
+
+    /// Slope of N_t / N_0 with a constant temperature, and its standard deviation \[1/K\]; `None` without a
+    /// temperature.
+    pub fn slope(&self) -> Option<(f64, f64)> {
+        let compensated = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
+        let compensated = Some(compensated).filter(|one| one.knows_temperature)?;
+        Some(compensated.detector.slope(self.limit, FILTERS_D.len()))
+    }
+
+    /// Onset, size and shape of the change, by the best-informed detector of the last period.
+    pub(crate) fn change(&self) -> Option<Change> {
+        // What stands in counts onsets since the middle of the last period that a better-informed one took. That period may have
+        // been a mixture: the onset may lie in it.
+        let change = |(detector, since): (&Detector, Option<f64>)| {
+            detector.change_since(
+                since,
+                since
+                    .zip(self.informed_from())
+                    .map(|(since, from)| since.min(from)),
+            )
+        };
+        self.informed().find_map(change)
+    }
+
+    /// Change of the ratio of a record since commissioning at the reference temperature, and its standard deviation; `None`
+    /// without its temperature.
+    pub(crate) fn change_of(
+        &self,
+        day: f64,
+        ratio: f64,
+        sd: f64,
+        filtered_c: Option<&[f64; FILTERS_D.len()]>,
+    ) -> Option<(f64, f64)> {
+        let compensated = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
+        let columns = compensated.columns(day, filtered_c, None)?;
+        let seen = Seen {
+            day,
+            began: day,
+            measured: day,
+            ratio,
+            sd,
+            columns: &columns,
+        };
+        compensated.change(&seen, self.limit, self.above.any())
+    }
+
+    /// Predictive law of a record by the rod's own data only.
+    pub(crate) fn blind_law(&self, day: f64, ratio: f64, sd: f64) -> Option<Law> {
+        let regressors = Regressors {
+            reference_c: 0.0,
+            origin: self.origin,
+        };
+        self.blind.predict(&Seen {
+            day,
+            began: day,
+            measured: day,
+            ratio,
+            sd,
+            columns: &regressors.blind(day),
+        })
+    }
+
+    /// Sudden change that would be reported at the next period without a temperature, as a share of the
+    /// force.
+    pub(crate) fn least_told_blind(&self, day: f64) -> Option<f64> {
+        Some(TOLD_SD * self.blind_law(day, 0.0, self.noise_sd)?.sd)
+    }
+
+    /// The detector with temperature, unless it has taken no period for long, or the other rods stand in.
+    pub(super) fn current_watching(&self) -> Option<&Compensated> {
+        let pauses = !self.last.others && self.without_temperature <= companions::PATIENCE;
+        self.watching().filter(|_| self.last.temperature || pauses)
+    }
+
+    /// The detector with the other rods, unless it has taken no period for long.
+    pub(super) fn current_peers(&self) -> Option<&Detector> {
+        let peers = self.peers.as_ref();
+        peers.filter(|_| self.without_others <= companions::PATIENCE)
+    }
+
+    /// Compensated detector in use: that with the other rods, unless they are absent.
+    pub(super) fn watching(&self) -> Option<&Compensated> {
+        let stands_in = self.without_others > companions::PATIENCE;
+        let alone = self.by_temperature.as_ref().filter(|_| stands_in);
+        alone.or(self.compensated.as_ref())
+    }
+
+    /// Time from which on changes count for the detector in use: one with temperature only stands in for one with the other rods.
+    pub(super) fn watching_since(&self) -> Option<f64> {
+        self.watching()
+            .filter(|one| !one.knows_others)
+            .and(self.by_both_until.until)
+    }
+
+    /// R of the detector in use.
+    pub(super) fn watching_statistic(&self) -> f64 {
+        let since = self.watching_since();
+        self.watching()
+            .map_or(0.0, |one| one.detector.statistic_since(since))
+    }
+
+    /// Time until which a detector with temperature or other rods looked \[d\].
+    pub(super) fn informed_until(&self) -> Option<f64> {
+        let looked = [self.by_temperature_until, self.by_others_until];
+        looked
+            .into_iter()
+            .filter_map(|looked| looked.until)
+            .reduce(f64::max)
+    }
+
+    /// Start of the last period that any detector with temperature or other rods took \[d\].
+    pub(super) fn informed_from(&self) -> Option<f64> {
+        let thermal = [&self.compensated, &self.by_temperature].into_iter().flatten();
+        let detectors = thermal.map(|one| &one.detector).chain(&self.peers);
+        detectors.filter_map(Detector::began).reduce(f64::max)
+    }
+
+    /// Detectors that had their inputs in the last period, the best-informed first, each with the time from which on its changes
+    /// count.
+    pub(super) fn informed(&self) -> impl Iterator<Item = (&Detector, Option<f64>)> {
+        let is_compensated = self.last.temperature || self.above.compensated;
+        let compensated = self.watching().filter(|_| is_compensated);
+        let peers = self.peers.as_ref().filter(|_| self.last.others);
+        let first = compensated
+            .map(|one| (&one.detector, self.watching_since()))
+            .into_iter();
+        let second = peers
+            .map(|peers| (peers, self.by_temperature_until.until))
+            .into_iter();
+        first.chain(second).chain([(&self.blind, self.informed_until())])
+    }
+}
+
+/// The later of two times \[d\] after which changes count.
+fn latest(one: Option<f64>, other: Option<f64>) -> Option<f64> {
+    one.into_iter().chain(other).reduce(f64::max)
+}

@@ -1,0 +1,173 @@
+//! Joint finding of the detectors after a period: a drift and its witnesses, or rods that move together.
+
+use super::{DriftWatch, RARER};
+use crate::track::drift::Detector;
+use crate::track::drift::companions;
+use crate::track::drift::others::{MOVING, Movement, Others};
+use serde::{Deserialize, Serialize};
+
+/// Number of periods since the last restart after which absence of evidence counts.
+const SETTLED_PERIODS: usize = 30;
+
+/// Largest share of the other rods that may move beside a drifting rod.
+const MOVING_SHARE: f64 = 0.25;
+
+/// Detectors behind a change of force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Witness {
+    /// Temperature is compensated, and the other rods confirm the change.
+    Confirmed,
+    /// Temperature is compensated; the other rods do not confirm the change yet.
+    Unconfirmed,
+    /// Temperature is compensated; there are too few rods to distinguish force from thermometer.
+    Alone,
+    /// Compared with the other rods; there is no temperature.
+    Peers,
+    /// The rod's own data only: there is neither temperature nor other rods.
+    Blind,
+}
+
+/// Joint finding of the detectors after a period.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Finding {
+    /// No change.
+    Quiet,
+    /// The rod's force changed.
+    Drift(Witness),
+    /// It moved together with other rods: thermometer, weather, or the whole structure.
+    Common,
+    /// It seems to move together with other rods; a notice of the site needs more evidence.
+    Waiting,
+}
+
+/// Detectors above their limit.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Above {
+    pub(super) compensated: bool,
+    /// The other rods confirm a change.
+    pub(super) peers: bool,
+    /// Those that stand in, by changes since a better-informed one last looked.
+    pub(super) peers_alone: bool,
+    pub(super) blind: bool,
+}
+
+impl Above {
+    pub(super) fn any(self) -> bool {
+        self.compensated || self.peers || self.peers_alone || self.blind
+    }
+}
+
+impl DriftWatch {
+    /// Finds the detectors above their limit. Periods since the onset of a change reported now do not count
+    /// for commissioning.
+    pub(super) fn look(&mut self, limit: f64) {
+        let was_told = self.above.any();
+        let is_above = |detector: &Detector, since, limit| detector.statistic_since(since) > limit;
+        let peers = |since, limit| (self.peers.as_ref()).is_some_and(|peers| is_above(peers, since, limit));
+        self.above = Above {
+            compensated: self.watching_statistic() > limit,
+            peers: peers(None, RARER * limit),
+            peers_alone: peers(self.by_temperature_until.until, limit),
+            blind: is_above(&self.blind, self.informed_until(), limit),
+        };
+        if !was_told
+            && self.above.any()
+            && let Some(change) = self.change()
+        {
+            for known in [&mut self.compensated, &mut self.by_temperature]
+                .into_iter()
+                .flatten()
+            {
+                known.withdraw(change.onset_interval[0]);
+            }
+        }
+    }
+
+    /// True unless too many of the other rods move: what moves them together is no change of one.
+    pub(crate) fn is_calm(&self, others: &Others, index: i64) -> bool {
+        let count = others.count();
+        count < companions::FEWEST || self.moving(others, index) as f64 <= MOVING_SHARE * count as f64
+    }
+
+    /// Number of other rods that share the change.
+    pub(crate) fn moving(&self, others: &Others, index: i64) -> usize {
+        self.movement()
+            .map_or(0, |movement| others.moving(index, &movement))
+    }
+
+    /// The change as other rods may share it: theirs may be up to twice as old as its earliest credible onset.
+    pub(crate) fn movement(&self) -> Option<Movement> {
+        let (change, now) = (self.change()?, self.blind.began()?);
+        Some(Movement {
+            since: 2.0 * change.onset_interval[0] - now,
+            size: change.size,
+            slope_per_k: self.slope().map(|(slope, _)| slope),
+        })
+    }
+
+    /// True while other rods bear witness.
+    pub(crate) fn has_witnesses(&self) -> bool {
+        self.peers.is_some() && self.without_others <= companions::PATIENCE
+    }
+
+    /// Joint finding of the detectors after the last period, `index`. What shows only relative to the median may be another rod;
+    /// `is_new`: not for so long that it would have been reported.
+    pub(crate) fn finding(&self, others: &Others, index: i64, is_new: bool) -> Finding {
+        let is_smaller = || others.is_one_of_them(index, || self.size().abs());
+        if is_new && self.evidence_alone(None) <= MOVING && is_smaller() {
+            return Finding::Quiet;
+        }
+        let has_witnesses = self.has_witnesses();
+        if self.above.compensated {
+            if has_witnesses && self.above.peers {
+                Finding::Drift(Witness::Confirmed)
+            } else if !self.is_calm(others, index) {
+                let rods = (others.count() + 1) as f64;
+                if self.watching_statistic() > rods * self.limit {
+                    Finding::Common
+                } else {
+                    Finding::Waiting
+                }
+            } else if has_witnesses {
+                Finding::Drift(Witness::Unconfirmed)
+            } else {
+                Finding::Drift(Witness::Alone)
+            }
+        } else if self.last.temperature {
+            Finding::Quiet
+        } else if self.last.others {
+            if self.above.peers_alone {
+                Finding::Drift(Witness::Peers)
+            } else {
+                Finding::Quiet
+            }
+        } else if self.above.blind {
+            Finding::Drift(Witness::Blind)
+        } else {
+            Finding::Quiet
+        }
+    }
+
+    /// Notes if the rod moves with others of which one reported it; returns true if that is over now.
+    pub(crate) fn joins(&mut self, others: &Others, index: i64, moves: bool) -> bool {
+        let was_joined = self.has_joined;
+        self.has_joined = others.has_told_common(index) && (was_joined || moves);
+        was_joined && !self.has_joined
+    }
+
+    /// True while it moves with others of which one reported it.
+    pub(crate) fn has_joined(&self) -> bool {
+        self.has_joined
+    }
+
+    /// True while the detector with the rod's own data only sees a change.
+    pub(crate) fn is_blind_above(&self) -> bool {
+        self.blind.statistic() > self.limit
+    }
+
+    /// True once it has run long enough for absence of evidence to count.
+    pub(crate) fn is_settled(&self) -> bool {
+        self.blind.fresh() >= SETTLED_PERIODS
+    }
+}

@@ -4,6 +4,7 @@ use super::campaign::{self, Reading};
 use super::foreign::{self, Foreign};
 use super::measure_files::Files;
 use super::progress::Progress;
+use super::quantities;
 use super::questions::Questions;
 use super::rod_flags::{Rod, RodFlags};
 use super::sensor::{Sensor, Wanted};
@@ -18,7 +19,6 @@ use crate::analysis::rod::beam::Quantity;
 use crate::analysis::signal::record::{Rejection, Unit};
 use crate::command::which_store::Output;
 use crate::config::Config;
-use crate::config::written::positive;
 use crate::recording::import::{self, Format, How};
 use crate::recording::read::contents::Content;
 use crate::site::analyse::Analysed;
@@ -143,8 +143,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         any_start: true,
         needs_all: false,
     };
-    if !args.output.is_json() {
-        super::print(format!("{}: {}\n", args.file.display(), rod.said()).as_bytes())?;
+    let understood = format!("{}: {}", args.file.display(), rod.said());
+    if args.output.is_json() {
+        tell!("{understood}");
+    } else {
+        super::print((understood + "\n").as_bytes())?;
     }
     let (mut records, mut forces) = (0, 0);
     let tally = campaign::run(
@@ -189,7 +192,7 @@ fn look<R: BufRead>(
     if import::lacks_rate(file, how)? {
         let question = "sample rate in Hz, which the file does not say";
         let flag = "--rate, or --time with the column of the stamps,";
-        let rate_hz = questions.ask(question, flag, positive)?;
+        let rate_hz = questions.ask(question, flag, quantities::rate)?;
         questions.confirm(&format!("{rate_hz} Hz"));
         how.rate_hz = Some(rate_hz);
     }

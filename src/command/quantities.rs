@@ -1,5 +1,6 @@
 //! Parses lengths, sections and forces: `14 m`, `d40`, `40x60 mm`, `2 in`, `20..200 kN`.
 
+use crate::config::units::{self, FORCE, LENGTH, RATE};
 use crate::config::written;
 use std::f64::consts::PI;
 
@@ -17,6 +18,11 @@ const FLATTEST: f64 = 25.0;
 const FLAT: f64 = 5.0;
 /// Longest length without a unit that is taken in metres \[m\].
 const LONGEST_BARE_M: f64 = 100.0;
+
+/// Forms that are understood, for messages.
+const LENGTHS: &str = "14, 9500 mm, 31 ft";
+const SECTIONS: &str = "d40, s40, 40x60 mm, 2 in round";
+const FORCES: &str = "150 kN, 20..200 kN";
 
 /// The 97.5 % quantile of the standard normal distribution.
 const QUANTILE: f64 = 1.96;
@@ -126,50 +132,22 @@ fn number_said(value: f64) -> String {
     rounded.to_string()
 }
 
-/// Splits a number and the text after it; the fault if there is no number.
-fn number(text: &str) -> Result<(f64, &str), String> {
-    let end = text
-        .char_indices()
-        .find(|(i, c)| {
-            // An exponent is one only before a digit or a sign: `40 e` is none.
-            let next = text.as_bytes().get(i + 1);
-            let is_exponent = *i > 0
-                && matches!(c, 'e' | 'E')
-                && next.is_some_and(|c| c.is_ascii_digit() || b"+-".contains(c));
-            let is_sign = matches!(c, '+' | '-') && (*i == 0 || text[..*i].ends_with(['e', 'E']));
-            !(c.is_ascii_digit() || matches!(c, '.' | ',') || is_exponent || is_sign)
-        })
-        .map_or(text.len(), |(i, _)| i);
-    let (digits, rest) = text.split_at(end);
-    let digits = digits.trim_end_matches(',');
-    let value = match digits.contains(',') {
-        true => written::decimal(digits)?,
-        false => digits
-            .parse()
-            .map_err(|_| format!("{:?} does not begin with a number", text.trim()))?,
-    };
-    match value.is_finite() && value > 0.0 {
-        true => Ok((value, rest.trim())),
-        false => Err("a number above 0 is expected".to_owned()),
+/// Splits a number above 0 from the text after it; the fault names the forms that are understood.
+fn number<'t>(text: &'t str, forms: &str) -> Result<(f64, &'t str), String> {
+    match units::number(text) {
+        Ok((value, rest)) if value > 0.0 => Ok((value, rest)),
+        Ok(_) => Err("a number above 0 is expected".to_owned()),
+        Err(why) if why.ends_with("does not begin with a number") => Err(format!("{why}: write {forms}")),
+        Err(why) => Err(why),
     }
 }
 
 /// Converts a value in a unit of length to metres; `None` without a unit.
 fn in_unit(value: f64, unit: &str) -> Result<Option<f64>, String> {
-    Ok(Some(match unit {
-        "" => return Ok(None),
-        "m" => value,
-        "cm" => value / 1e2,
-        "mm" => value / 1e3,
-        "um" | "\u{b5}m" | "\u{3bc}m" => value / 1e6,
-        "in" | "inch" | "inches" | "\"" | "\u{2033}" => value * 0.0254,
-        "ft" | "foot" | "feet" | "'" | "\u{2032}" => value * 0.3048,
-        other => {
-            return Err(format!(
-                "{other:?} is no unit of length known here: mm, cm, m, in, ft"
-            ));
-        }
-    }))
+    match unit {
+        "" => Ok(None),
+        unit => LENGTH.si(value, unit).map(Some),
+    }
 }
 
 /// Parses a length \[m\]; without a unit in metres.
@@ -177,9 +155,9 @@ fn in_unit(value: f64, unit: &str) -> Result<Option<f64>, String> {
 /// # Errors
 /// The reason why it is none.
 pub fn length(text: &str) -> Result<f64, String> {
-    let text = text.trim().to_lowercase();
-    let (value, unit) = number(&text)?;
-    let length_m = match in_unit(value, unit)? {
+    let text = units::keyed(text);
+    let (value, unit) = number(&text, LENGTHS)?;
+    let length_m = match in_two_units(value, unit)? {
         Some(length_m) => length_m,
         None if value > LONGEST_BARE_M => {
             return Err(format!("{text} of which unit? {text} mm, or {text} m"));
@@ -190,6 +168,22 @@ pub fn length(text: &str) -> Result<f64, String> {
         true => Ok(length_m),
         false if has_three_decimals(&text) => Err(thousands(&text, unit)),
         false => Err(format!("{} is no length of a rod", metres(length_m))),
+    }
+}
+
+/// Converts a value in one unit, or in two where the second is smaller, to metres: `31 ft 2 in`, `9 m 50 cm`; `None` without a unit.
+fn in_two_units(value: f64, rest: &str) -> Result<Option<f64>, String> {
+    let second = rest
+        .match_indices(|c: char| c.is_ascii_digit())
+        .find(|(at, _)| rest[..*at].ends_with([' ', '\'', '"']));
+    let Some((at, _)) = second else {
+        return in_unit(value, rest);
+    };
+    let (unit, less) = rest.split_at(at);
+    let (less, smaller) = number(less, LENGTHS)?;
+    match (in_unit(1.0, unit.trim())?, in_unit(less, smaller)?) {
+        (Some(unit_m), Some(less_m)) if less_m < unit_m => Ok(Some(value * unit_m + less_m)),
+        _ => Err(format!("{value} {rest} is no length: write {LENGTHS}")),
     }
 }
 
@@ -225,26 +219,92 @@ fn size(value: f64, unit: &str) -> Result<f64, String> {
     }
 }
 
-/// A shape of one size.
-type Shape = fn(f64) -> Profile;
+/// What a word says of a section.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Shape {
+    Round,
+    Radius,
+    Square,
+    Flat,
+    /// Nothing.
+    Bar,
+}
 
-/// Words for shapes, the longest first.
-const SHAPES: [(&str, Shape); 14] = [
-    ("diameter", Profile::Round),
-    ("square", Profile::Square),
-    ("round", Profile::Round),
-    ("diam", Profile::Round),
-    ("side", Profile::Square),
-    ("dia", Profile::Round),
-    ("sq", Profile::Square),
-    ("\u{f8}", Profile::Round),
-    ("\u{2300}", Profile::Round),
-    ("\u{3c6}", Profile::Round),
-    ("\u{25a1}", Profile::Square),
-    ("d", Profile::Round),
-    ("s", Profile::Square),
-    ("a", Profile::Square),
+/// Words for shapes.
+const SHAPES: [(Shape, &[&str]); 5] = [
+    (
+        Shape::Round,
+        &[
+            "d",
+            "dia",
+            "diam",
+            "diameter",
+            "diametro",
+            "diametre",
+            "durchmesser",
+            "round",
+            "circle",
+            "circular",
+            "tondo",
+            "rond",
+            "rund",
+            "redondo",
+            "\u{f8}",
+        ],
+    ),
+    (Shape::Radius, &["radius", "raggio", "rayon"]),
+    (
+        Shape::Square,
+        &[
+            "s", "a", "sq", "side", "square", "quadro", "quadrato", "carre", "quadrat", "cuadrado", "lato",
+        ],
+    ),
+    (
+        Shape::Flat,
+        &[
+            "flat",
+            "rect",
+            "rectangle",
+            "rectangular",
+            "piatto",
+            "plat",
+            "flach",
+        ],
+    ),
+    (Shape::Bar, &["bar", "rod", "of", "section"]),
 ];
+
+/// Takes the words of shapes, and the signs behind them, out of a text. Single letters count before the sizes alone: `40 d` may be
+/// anything.
+fn shape(text: &str) -> Result<(Option<Shape>, String), String> {
+    let mut found = None;
+    let mut sizes = String::new();
+    let mut rest = text;
+    while let Some(next) = rest.chars().next() {
+        let end = match next.is_alphabetic() {
+            true => rest.find(|c: char| !c.is_alphabetic()).unwrap_or(rest.len()),
+            false => next.len_utf8(),
+        };
+        let (word, behind) = rest.split_at(end);
+        let is_first = sizes.trim().is_empty();
+        let known = SHAPES
+            .iter()
+            .find(|(_, words)| words.contains(&word) && (is_first || word.len() > 1));
+        rest = match known {
+            Some((Shape::Bar, _)) => behind,
+            Some((shape, _)) if found.is_none_or(|other| other == *shape) => {
+                found = Some(*shape);
+                behind.trim_start_matches([' ', '=', ':', ',', '.'])
+            }
+            Some(_) => return Err(format!("{text:?} has two shapes: write {SECTIONS}")),
+            None => {
+                sizes.push_str(word);
+                behind
+            }
+        };
+    }
+    Ok((found, sizes))
+}
 
 /// Parses a section: `d40`, `square 40 mm`, `40x60 mm` (width x height in the plane of vibration), or a bare
 /// size. Sizes without a unit are millimetres from 1 on, metres up to 0.5.
@@ -252,80 +312,105 @@ const SHAPES: [(&str, Shape); 14] = [
 /// # Errors
 /// The reason why it is none.
 pub fn section(text: &str) -> Result<Section, String> {
-    let text = text.trim().to_lowercase();
-    if let Some((width, height)) = text.split_once(['x', '\u{d7}', '*']) {
-        let (first, first_unit) = number(width.trim())?;
-        let (second, second_unit) = number(height.trim())?;
-        // Two bare sizes must be of one unit.
-        let is_bare = first_unit.is_empty() && second_unit.is_empty();
-        if is_bare && (first < LEAST_BARE_MM) != (second < LEAST_BARE_MM) {
-            return Err(format!("{text} of which unit? {text} mm, or {text} m"));
-        }
-        // One unit serves both sizes, behind either of them.
-        let shared = if second_unit.is_empty() {
-            first_unit
-        } else {
-            second_unit
+    let text = units::keyed(text)
+        .to_lowercase()
+        .replace(
+            ['\u{2300}', '\u{2205}', '\u{3c6}', '\u{3d5}', '\u{f8}'],
+            " \u{f8} ",
+        )
+        .replace('\u{25a1}', " square ")
+        .replace(" by ", " x ");
+    let (shape, sizes) = shape(&text)?;
+    let (value, rest) = number(&sizes, SECTIONS)?;
+    if let Some((first_unit, second)) = rest.split_once(['x', '*']) {
+        let (second, second_unit) = number(second, SECTIONS)?;
+        return match (
+            shape,
+            two_sizes(&text, (value, first_unit.trim()), (second, second_unit))?,
+        ) {
+            (None | Some(Shape::Flat), profile) | (Some(Shape::Square), profile @ Profile::Square(_)) => {
+                Ok(Section::Known(profile))
+            }
+            _ => Err(format!("{text:?} has one size too many: write {SECTIONS}")),
         };
-        let first_unit_meant = if first_unit.is_empty() { shared } else { first_unit };
-        let (width, height) = (size(first, first_unit_meant)?, size(second, shared)?);
-        // A bare size in millimetres behind another unit, `2 cm x 30`, or in metres: `0.04 x 60 mm`.
-        let flattest = match (first_unit, second_unit) {
-            ("cm" | "in" | "m", "") => FLAT,
-            _ => FLATTEST,
-        };
-        let is_shared = !is_bare && (first_unit.is_empty() || second_unit.is_empty());
-        if is_shared && width.max(height) > flattest * width.min(height) {
-            let bare = if first_unit.is_empty() { first } else { second };
-            return Err(format!("{bare} of which unit? write one behind both sizes"));
-        }
-        return Ok(Section::Known(match width == height {
-            true => Profile::Square(width),
-            false => Profile::Rectangle(width, height),
-        }));
     }
-    for (word, shape) in SHAPES {
-        let before = text.strip_prefix(word);
-        // Behind the number whole words alone: `40 mm round`.
-        let behind = text.strip_suffix(word).filter(|_| word.len() > 2);
-        if let Some(rest) = before.or(behind) {
-            let (value, unit) = number(rest.trim_matches([' ', '=', ':', ',']))?;
-            return Ok(Section::Known(shape(size(value, unit)?)));
-        }
+    let size_m = size(value, rest)?;
+    match shape {
+        Some(Shape::Round) => Ok(Section::Known(Profile::Round(size_m))),
+        Some(Shape::Radius) => Ok(Section::Known(Profile::Round(2.0 * size_m))),
+        Some(Shape::Square) => Ok(Section::Known(Profile::Square(size_m))),
+        Some(Shape::Flat) => Err("a flat has two sizes: 60x20 mm".to_owned()),
+        Some(Shape::Bar) | None => Ok(Section::Size(size_m)),
     }
-    let (value, unit) = number(&text)?;
-    Ok(Section::Size(size(value, unit)?))
 }
+
+/// Width and height; one unit serves both sizes, behind either of them.
+fn two_sizes(
+    text: &str,
+    (first, first_unit): (f64, &str),
+    (second, second_unit): (f64, &str),
+) -> Result<Profile, String> {
+    // Two bare sizes must be of one unit.
+    let is_bare = first_unit.is_empty() && second_unit.is_empty();
+    if is_bare && (first < LEAST_BARE_MM) != (second < LEAST_BARE_MM) {
+        return Err(format!("{text} of which unit? {text} mm, or {text} m"));
+    }
+    let or = |unit, other| if str::is_empty(unit) { other } else { unit };
+    let width = size(first, or(first_unit, second_unit))?;
+    let height = size(second, or(second_unit, first_unit))?;
+    // A bare size in millimetres behind another unit, `2 cm x 30`, or in metres: `0.04 x 60 mm`.
+    let is_in_mm = |unit| LENGTH.of(unit).is_ok_and(|factor| factor <= 1e-3);
+    let flattest = match second_unit.is_empty() && !is_in_mm(first_unit) {
+        true => FLAT,
+        false => FLATTEST,
+    };
+    let is_shared = !is_bare && (first_unit.is_empty() || second_unit.is_empty());
+    if is_shared && width.max(height) > flattest * width.min(height) {
+        let bare = if first_unit.is_empty() { first } else { second };
+        return Err(format!("{bare} of which unit? write one behind both sizes"));
+    }
+    Ok(match width == height {
+        true => Profile::Square(width),
+        false => Profile::Rectangle(width, height),
+    })
+}
+
+/// Words that say no more than the number behind them.
+const ABOUT: [&str; 6] = ["about", "around", "approx.", "circa", "ca.", "~"];
+
+/// Signs and words between the ends of a range, the longest first.
+const TO: [&str; 7] = ["...", "..", "to", "and", "bis", "-", "~"];
 
 /// Parses a force, or a range: `150 kN`, `20..200 kN`, `20 to 200 kN`, `0.8-1.2 MN`.
 ///
 /// # Errors
 /// The reason why it is none.
 pub fn force(text: &str) -> Result<Expected, String> {
-    let text = text
-        .trim()
-        .to_lowercase()
-        .replace("..", " to ")
-        .replace('\u{2013}', " to ");
-    let ends = text.split_once("to").or_else(|| text.split_once('-'));
+    let text = units::keyed(text);
+    let between = text.strip_prefix("between ");
+    let about = ABOUT.iter().find_map(|word| text.strip_prefix(word));
+    let (low, rest) = number(between.or(about).unwrap_or(&text), FORCES)?;
+    // The first unit ends where the range goes on.
+    let end = TO.iter().find_map(|to| {
+        let (unit, high) = rest.split_once(to)?;
+        let is_unit = unit.trim().is_empty() || FORCE.of(unit).is_ok();
+        (is_unit && high.trim_start().starts_with(|c: char| c.is_ascii_digit()))
+            .then_some((unit.trim(), high))
+    });
     let newtons = |value: f64, unit: &str| match unit {
-        // Nobody says thousandths of a newton.
-        "n" if has_three_decimals(&text) => Err(format!(
-            "{text} may be {} or {text}: write it without the point",
-            text.replace('.', "")
-        )),
-        "n" => Ok(value),
-        "kn" => Ok(value * 1e3),
-        "mn" => Ok(value * 1e6),
         "" => Err(format!("{value} of which unit? {value} kN, or {value} N")),
-        other => Err(format!("{other:?} is no unit of force known here: N, kN, MN")),
+        "kg" => Err(format!("kg is a mass: write {value} kgf, or {FORCES}")),
+        "t" | "ton" | "tons" | "tonne" | "tonnes" => {
+            Err(format!("{unit} is a mass: write {value} tf, or {FORCES}"))
+        }
+        // Nobody says thousandths of a newton.
+        "n" | "N" if has_three_decimals(&text) => Err(thousands(&text, unit)),
+        unit => FORCE.si(value, unit),
     };
-    let Some((low, high)) = ends else {
-        let (value, unit) = number(&text)?;
-        return Ok(Expected::About(newtons(value, unit)?));
+    let Some((low_unit, high)) = end else {
+        return Ok(Expected::About(newtons(low, rest)?));
     };
-    let (low, low_unit) = number(low.trim())?;
-    let (high, unit) = number(high.trim())?;
+    let (high, unit) = number(high, FORCES)?;
     let low_unit = if low_unit.is_empty() { unit } else { low_unit };
     let (low, high) = (newtons(low, low_unit)?, newtons(high, unit)?);
     if low >= high {
@@ -339,6 +424,18 @@ pub fn force(text: &str) -> Result<Expected, String> {
             (LOG_SD.0 * 2.0 * QUANTILE).exp(),
             (LOG_SD.1 * 2.0 * QUANTILE).exp()
         )),
+    }
+}
+
+/// Parses a sample rate \[Hz\]; without a unit in hertz.
+///
+/// # Errors
+/// The reason why it is none.
+pub fn rate(text: &str) -> Result<f64, String> {
+    let text = units::keyed(text);
+    match number(&text, "200, 200 Hz, 1.2 kHz")? {
+        (value, "") => Ok(value),
+        (value, unit) => RATE.si(value, unit),
     }
 }
 
@@ -369,6 +466,13 @@ mod tests {
             ("31 ft", 9.4488),
             ("1.2e1m", 12.0),
             ("0,950 m", 0.95),
+            ("9.5 metres", 9.5),
+            ("9,5\u{a0}m\u{e8}tres", 9.5),
+            ("9\u{202f}500 mm", 9.5),
+            ("9 m 50 cm", 9.5),
+            ("31'2\"", 9.4996),
+            ("31\u{2032} 2\u{2033}", 9.4996),
+            ("31 ft 1 1/2 in", 9.4869),
         ] {
             assert!((length(text).unwrap() - metres).abs() < 1e-12, "{text}");
         }
@@ -379,8 +483,13 @@ mod tests {
             ("-3", "above 0"),
             ("0", "above 0"),
             ("3 km", "is no unit of length"),
+            ("9 m 50", "is no length: write 14, 9500 mm, 31 ft"),
+            ("31 ft 14 in", "is no length"),
+            ("ca. 9.5 m", "write 14, 9500 mm, 31 ft"),
+            ("9.5 m +- 0.01", "is no unit of length"),
+            ("\u{2212}9.5 m", "above 0"),
             ("1 mm", "is no length"),
-            ("1e400", "above 0"),
+            ("1e400", "too large"),
             ("1,250", "1250 or 1.250"),
             ("1.250,5", "a point and a comma"),
             ("14.500mm", "14.500 mm may be 14500 or 14.500"),
@@ -401,6 +510,21 @@ mod tests {
             ("d 0,045", known(Profile::Round(0.045))),
             ("\u{d8}40", known(Profile::Round(0.04))),
             ("40 mm round", known(Profile::Round(0.04))),
+            ("40mm dia.", known(Profile::Round(0.04))),
+            ("40 mm \u{d8}", known(Profile::Round(0.04))),
+            ("\u{2205} 40", known(Profile::Round(0.04))),
+            ("d\u{a0}40", known(Profile::Round(0.04))),
+            ("round bar 40 mm", known(Profile::Round(0.04))),
+            ("diameter of 40 millimetres", known(Profile::Round(0.04))),
+            ("radius 20 mm", known(Profile::Round(0.04))),
+            ("Tondo 40", known(Profile::Round(0.04))),
+            ("1 1/2 in round", known(Profile::Round(1.5 * 0.0254))),
+            ("carr\u{e9} 40 mm", known(Profile::Square(0.04))),
+            ("40 mm sq.", known(Profile::Square(0.04))),
+            ("square 40x40 mm", known(Profile::Square(0.04))),
+            ("flat bar 40 x 60 mm", known(Profile::Rectangle(0.04, 0.06))),
+            ("40 by 60 mm", known(Profile::Rectangle(0.04, 0.06))),
+            ("40mm\u{d7}60mm", known(Profile::Rectangle(0.04, 0.06))),
             ("diameter 2 in", known(Profile::Round(0.0508))),
             ("square 71.5", known(Profile::Square(0.0715))),
             ("s40", known(Profile::Square(0.04))),
@@ -432,6 +556,18 @@ mod tests {
             ("2 cm x 30", "30 of which unit"),
             ("d", "number"),
             ("40 kg", "is no unit"),
+            ("r20", "write d40, s40, 40x60 mm"),
+            ("40 s", "is no unit"),
+            ("M30", "write d40"),
+            ("pipe 60x5", "write d40"),
+            ("hexagonal 40", "write d40"),
+            ("40 mm2", "is no unit"),
+            ("d40x60", "one size too many"),
+            ("square 40x60", "one size too many"),
+            ("60x20x5", "is no unit"),
+            ("flat 60", "two sizes"),
+            ("round square 40", "two shapes"),
+            ("40 mm \u{b1} 1", "is no unit"),
             ("2 m", "is no size"),
             ("900", "is no size"),
             ("40x", "number"),
@@ -448,18 +584,59 @@ mod tests {
         assert_eq!(force("20..200 kN"), Ok(Expected::Between(20e3, 200e3)));
         assert_eq!(force("900 N to 1,5 kN"), Ok(Expected::Between(900.0, 1500.0)));
         assert_eq!(force("0.8-1.2 MN"), Ok(Expected::Between(0.8e6, 1.2e6)));
+        for text in [
+            "100\u{2212}200 kN",
+            "100 \u{2013} 200 kN",
+            "100\u{2026}200 kN",
+            "100...200 kN",
+            "between 100 and 200 kN",
+            "100 kN to 200 kilonewtons",
+            "100 000 to 200 000 N",
+        ] {
+            assert_eq!(force(text), Ok(Expected::Between(100e3, 200e3)), "{text}");
+        }
+        for text in [
+            "~150 kN",
+            "about 150 kN",
+            "150\u{a0}000 N",
+            "15000 daN",
+            "150 kilonewton",
+        ] {
+            assert_eq!(force(text), Ok(Expected::About(150e3)), "{text}");
+        }
         for (text, reason) in [
             ("150", "150 kN, or 150 N"),
             ("200..20 kN", "smaller"),
-            ("5 t", "no unit of force"),
+            ("5 t", "write 5 tf"),
+            ("15 tonnes", "write 15 tf"),
+            ("150 stone", "no unit of force"),
+            ("150 mN", "MN is a million"),
+            ("150 +- 20 kN", "no unit of force"),
+            ("<200 kN", "write 150 kN, 20..200 kN"),
             ("150,000 N", "150000 or 150.000"),
-            ("150.000 N", "150000 n or 150.000 n"),
+            ("150.000 N", "150000 or 150.000"),
             ("1N..1000MN", "factors of 1.004 to 128"),
             ("100..100.3 kN", "factors of 1.004 to 128"),
             ("-5 kN", "number"),
             ("", "number"),
         ] {
             let said = force(text).unwrap_err();
+            assert!(said.contains(reason), "{text}: {said}");
+        }
+    }
+
+    #[test]
+    fn rates_are_hertz_unless_a_unit_says_otherwise() {
+        for text in ["1200", "1200 Hz", "1,2 kHz", "1\u{a0}200 hertz"] {
+            assert_eq!(rate(text), Ok(1200.0), "{text}");
+        }
+        for (text, reason) in [
+            ("5 ms", "no unit of rate"),
+            ("fast", "write 200, 200 Hz"),
+            ("-200", "above 0"),
+            ("1,200", "1200 or 1.200"),
+        ] {
+            let said = rate(text).unwrap_err();
             assert!(said.contains(reason), "{text}: {said}");
         }
     }

@@ -19,7 +19,7 @@ use crate::analysis::rod::beam::Quantity;
 use crate::analysis::signal::record::{Rejection, Unit};
 use crate::command::which_store::Output;
 use crate::config::Config;
-use crate::recording::import::{self, Format, How};
+use crate::recording::import::{self, Format, How, TimeUnit};
 use crate::recording::read::contents::Content;
 use crate::site::analyse::Analysed;
 use crate::site::records::Others;
@@ -183,12 +183,20 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(code)
 }
 
-/// Channels of a file; asks for its rate if it has none.
+/// Channels of a file; asks for the unit of its times if they can hardly be seconds, and for its rate if it has none.
 fn look<R: BufRead>(
     file: &Path,
     how: &mut How,
     questions: &mut Questions<R>,
 ) -> anyhow::Result<Vec<Content>> {
+    if let Some(choices) = import::lacks_time_unit(file, how)? {
+        let question = format!("unit of the time column ({choices})");
+        let unit = questions.ask(&question, "--time-unit", |answer| {
+            TimeUnit::of(&answer.to_lowercase())
+                .ok_or_else(|| format!("{answer:?} is none of s, ms, us, ns, min, h"))
+        })?;
+        how.table.time_unit = Some(unit);
+    }
     if import::lacks_rate(file, how)? {
         let question = "sample rate in Hz, which the file does not say";
         let flag = "--rate, or --time with the column of the stamps,";

@@ -288,11 +288,7 @@ fn told(config: &Config, outcome: &Outcome, width: Option<usize>) -> String {
     }
     let labels = identification.labels.as_ref();
     let conflict = &identification.conflict;
-    let doubts = Doubt::all(
-        Some(conflict.score),
-        Some(conflict.prior_tail),
-        labels.map(|labels| labels.probability),
-    );
+    let doubts = outcome.doubts();
     if let Some(force) = identification.posterior.marginal(Quantity::AxialForce) {
         text += &format!(
             "\n  {}axial force {}, 95 % interval in brackets\n",

@@ -1,8 +1,9 @@
 //! Length, section, material and expected force of a rod, from flags and answers.
 
 use super::BadArguments;
-use super::quantities::{self, Expected, Profile, Section, metres, millimetres};
+use super::quantities::{self, Expected, metres, millimetres};
 use super::questions::Questions;
+use super::sections::{self, Profile, Section};
 use crate::config::written::positive;
 use clap::ValueEnum;
 use std::io::BufRead;
@@ -21,7 +22,7 @@ pub struct RodFlags {
     pub length: Option<f64>,
     /// Section: d40 (round), 'square 40 mm', 40x60mm (width x height in the plane of vibration); without a unit millimetres from 1 on,
     /// metres up to 0.5.
-    #[arg(long, value_name = "SECTION", value_parser = quantities::section, conflicts_with_all = ["side_m", "diameter_m", "width_m"])]
+    #[arg(long, value_name = "SECTION", value_parser = sections::section, conflicts_with_all = ["side_m", "diameter_m", "width_m"])]
     pub section: Option<Section>,
     /// Side of a square section in metres.
     #[arg(long, value_name = "M", value_parser = positive, conflicts_with_all = ["diameter_m", "width_m"])]
@@ -151,7 +152,7 @@ impl Rod {
             Some(Section::Size(size_m)) => shape(size_m, questions)?,
             None => {
                 let question = "section (d40 round, s40 square, 40x60 mm width x height, 2 in)";
-                let profile = match questions.ask(question, "--section", quantities::section)? {
+                let profile = match questions.ask(question, "--section", sections::section)? {
                     Section::Known(profile) => profile,
                     Section::Size(size_m) => shape(size_m, questions)?,
                 };

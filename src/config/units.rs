@@ -82,7 +82,7 @@ pub const FORCE: Units = Units {
         (9.806_65, &["kgf", "kp"]),
         (9806.65, &["tf"]),
         (4.448_221_615, &["lbf"]),
-        (4448.221_615, &["kip", "kips"]),
+        (4_448.221_615, &["kip", "kips"]),
     ],
 };
 
@@ -174,10 +174,7 @@ impl Units {
             ));
         }
         let is_meant = |word: &&str| word.eq_ignore_ascii_case(&bare);
-        let known = self
-            .units
-            .iter()
-            .find(|(_, words)| words.iter().any(|word| is_meant(&word)));
+        let known = self.units.iter().find(|(_, words)| words.iter().any(is_meant));
         known.map(|(factor, _)| *factor).ok_or_else(|| {
             let words: Vec<&str> = self
                 .units
@@ -329,7 +326,7 @@ mod tests {
             ("12.5e-3 m.", &LENGTH, 0.0125),
             ("1 234 567 N", &FORCE, 1_234_567.0),
             ("150 kilonewtons", &FORCE, 150e3),
-            ("2 kips", &FORCE, 8896.443_23),
+            ("2 kips", &FORCE, 8_896.443_23),
             ("7.5 t/m3", &DENSITY, 7500.0),
             ("7,5 t/m\u{b3}", &DENSITY, 7500.0),
             ("7850 kg / m^3", &DENSITY, 7850.0),

@@ -29,7 +29,7 @@ END
   package=$(python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/tirante
   rm -rf "$package"
   cp -r python/tirante "$package"
-  ln -s "$built/libtirante_core.so" "$package/_core.abi3.so"
+  ln -sf "$built/libtirante_core.so" "$package/_core.abi3.so"
   ln -sf "$built/tirante" "$venv/bin/tirante"
 else
   pip install --quiet maturin

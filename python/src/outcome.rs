@@ -4,6 +4,7 @@ use crate::{kept, refused, table};
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use tirante::Outcome as Inner;
+use tirante::analysis::findings::Doubt;
 use tirante::analysis::track::Verdict;
 use tirante::site::record_row::RecordRow;
 
@@ -84,6 +85,12 @@ impl Outcome {
     #[getter]
     fn is_identified(&self) -> bool {
         matches!(self.inner, Inner::Identified(_))
+    }
+
+    /// Reasons to doubt the force.
+    #[getter]
+    fn doubts(&self) -> Vec<&'static str> {
+        self.inner.doubts().into_iter().map(Doubt::code).collect()
     }
 
     /// Names of the columns of the draws.

@@ -52,6 +52,15 @@ def test_frequencies_give_the_programs_numbers_and_draws(paper, tmp_path):
     assert mean == pytest.approx(found.force["mean"], rel=1e-12)
 
 
+def test_a_force_in_doubt_bears_its_mark(paper):
+    doubted = paper.identify_frequencies(PAPER, 0.005)
+    assert doubted.doubts == ["conflict"]
+    assert " ! " in repr(doubted) and repr(doubted).endswith("kN (conflict)>"), repr(doubted)
+    hz = paper.frequencies(dict(zip(paper.quantities(), [800e3, 2.0e11, 7700, 0.0715, 3e5, 3e5, 14.0])))
+    believed = paper.identify_frequencies(hz, 0.005)
+    assert believed.doubts == [] and "!" not in repr(believed) and "(" not in repr(believed), repr(believed)
+
+
 def test_a_missing_mode_keeps_its_place(paper):
     found = paper.identify_frequencies([4.492, None, 13.252], [0.005, None, 0.01])
     words = ["identify", "--frequencies", "4.492,-,13.252", "--sd", "0.005,-,0.01", "--format", "json"]

@@ -57,6 +57,11 @@ class Outcome:
         return self.row["conflict"]
 
     @property
+    def doubts(self) -> list[str]:
+        """Reasons to doubt the force, the gravest first: `conflict`, `prior`, `orders` (docs/measure.md, Marks)."""
+        return self._core.doubts
+
+    @property
     def relative_force(self) -> dict[str, float] | None:
         """N_t / N_0 of a tracked record as measured, with the temperature's share."""
         return self.row["relative_force"]
@@ -130,5 +135,7 @@ class Outcome:
         rod = self.row["rod"]
         if self.row["axial_force_n"] is not None:
             force = self.force
-            return f"<Outcome {rod}: {force['mean'] / 1e3:.1f} kN, sd {force['sd'] / 1e3:.1f} kN>"
+            mark = "" if not self.doubts else "? " if self.doubts == ["orders"] else "! "
+            doubts = f" ({', '.join(self.doubts)})" if self.doubts else ""
+            return f"<Outcome {rod}: {mark}{force['mean'] / 1e3:.1f} kN, sd {force['sd'] / 1e3:.1f} kN{doubts}>"
         return f"<Outcome {rod}: {self.rejection or 'frequencies alone'}>"

@@ -37,6 +37,18 @@ pub enum Doubt {
 }
 
 impl Doubt {
+    /// Every kind of doubt.
+    pub const ALL: [Self; 3] = [Self::Conflict, Self::Prior, Self::Orders];
+
+    /// Name in metrics and JSON.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::Conflict => "conflict",
+            Self::Prior => "prior",
+            Self::Orders => "orders",
+        }
+    }
+
     /// All doubts, the gravest first; figures missing in records of older programs raise none.
     pub fn all(conflict: Option<f64>, prior_tail: Option<f64>, label_probability: Option<f64>) -> Vec<Self> {
         let is_conflict = conflict.is_some_and(|score| score >= CONFLICT_SHOWN);

@@ -1,5 +1,6 @@
 //! Result of one record: a force, or a reason why there is none.
 
+use crate::findings::Doubt;
 use crate::identify::{Identification, Measurement, Plan};
 use crate::inference::Conflict;
 use crate::signal::modes::{Labels, Mode};
@@ -82,6 +83,20 @@ pub struct Rejected {
 }
 
 impl Outcome {
+    /// Reasons to doubt its force.
+    pub fn doubts(&self) -> Vec<Doubt> {
+        let (conflict, labels) = match self {
+            Self::Identified(identification) => (&identification.conflict, identification.labels.as_ref()),
+            Self::Tabulated(tabulated) => (&tabulated.conflict, None),
+            Self::Rejected(_) => return Vec::new(),
+        };
+        Doubt::all(
+            Some(conflict.score),
+            Some(conflict.prior_tail),
+            labels.map(|labels| labels.probability),
+        )
+    }
+
     /// Outcome of frequencies with a time: tracked, or refused because no rod of the prior has them.
     pub fn of_row(plan: &Plan, row: TableRow) -> Self {
         let rod = plan.settings().rod.clone();

@@ -1,6 +1,7 @@
 //! Flags for facts missing in another program's file.
 
 use super::progress::Watched;
+use super::quantities;
 use super::setup::Setup;
 use crate::analysis::signal::record::{Timestamp, Unit};
 use crate::config::written::positive;
@@ -24,7 +25,7 @@ pub struct Foreign {
     #[arg(long, value_parser = unit, help_heading = HEADING)]
     pub unit: Option<Unit>,
     /// Sample rate in Hz, if the file does not give it; checked if it does.
-    #[arg(long, value_name = "HZ", value_parser = positive, help_heading = HEADING)]
+    #[arg(long, value_name = "HZ", value_parser = quantities::rate, help_heading = HEADING)]
     pub rate: Option<f64>,
     /// Time of the first sample, if the file does not give it.
     #[arg(long, value_name = "TIME", value_parser = time, help_heading = HEADING)]
@@ -33,7 +34,7 @@ pub struct Foreign {
     #[arg(long, value_name = "+HH:MM", value_parser = import::utc_offset, default_value = "+00:00", allow_hyphen_values = true, help_heading = HEADING)]
     pub utc_offset: i32,
     /// Interpolate uneven stamps to this rate in Hz; without it they are an error.
-    #[arg(long, value_name = "HZ", value_parser = positive, conflicts_with = "rate", help_heading = HEADING)]
+    #[arg(long, value_name = "HZ", value_parser = quantities::rate, conflicts_with = "rate", help_heading = HEADING)]
     pub resample: Option<f64>,
     /// CSV, MATLAB, TDMS: column or variable of the stamps (two columns for day and time of day), or none.
     #[arg(long, value_name = "NAME[,NAME]|none", help_heading = HEADING)]

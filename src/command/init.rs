@@ -7,7 +7,6 @@ use super::sensor::{Sensor, Wanted};
 use super::template::{self, Template};
 use super::{BadArguments, foreign, print};
 use crate::analysis::signal::record::Unit;
-use crate::config::written::positive;
 use crate::config::{self, Config};
 use crate::recording::import::{self, How};
 use anyhow::Context;
@@ -59,7 +58,7 @@ pub struct Args {
     #[arg(long, value_parser = foreign::unit)]
     pub unit: Option<Unit>,
     /// Sample rate in Hz, only for arrays, if the recording does not give it.
-    #[arg(long, value_name = "HZ", value_parser = positive)]
+    #[arg(long, value_name = "HZ", value_parser = super::quantities::rate)]
     pub fs_hz: Option<f64>,
 }
 

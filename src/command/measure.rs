@@ -4,6 +4,7 @@ use super::campaign::{self, Reading};
 use super::foreign::{self, Foreign};
 use super::measure_files::Files;
 use super::progress::Progress;
+use super::quantities;
 use super::questions::Questions;
 use super::rod_flags::{Rod, RodFlags};
 use super::sensor::{Sensor, Wanted};
@@ -18,8 +19,7 @@ use crate::analysis::rod::beam::Quantity;
 use crate::analysis::signal::record::{Rejection, Unit};
 use crate::command::which_store::Output;
 use crate::config::Config;
-use crate::config::written::positive;
-use crate::recording::import::{self, Format, How};
+use crate::recording::import::{self, Format, How, TimeUnit};
 use crate::recording::read::contents::Content;
 use crate::site::analyse::Analysed;
 use crate::site::records::Others;
@@ -143,8 +143,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         any_start: true,
         needs_all: false,
     };
-    if !args.output.is_json() {
-        super::print(format!("{}: {}\n", args.file.display(), rod.said()).as_bytes())?;
+    let understood = format!("{}: {}", args.file.display(), rod.said());
+    if args.output.is_json() {
+        tell!("{understood}");
+    } else {
+        super::print((understood + "\n").as_bytes())?;
     }
     let (mut records, mut forces) = (0, 0);
     let tally = campaign::run(
@@ -180,16 +183,24 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(code)
 }
 
-/// Channels of a file; asks for its rate if it has none.
+/// Channels of a file; asks for the unit of its times if they can hardly be seconds, and for its rate if it has none.
 fn look<R: BufRead>(
     file: &Path,
     how: &mut How,
     questions: &mut Questions<R>,
 ) -> anyhow::Result<Vec<Content>> {
+    if let Some(choices) = import::lacks_time_unit(file, how)? {
+        let question = format!("unit of the time column ({choices})");
+        let unit = questions.ask(&question, "--time-unit", |answer| {
+            TimeUnit::of(&answer.to_lowercase())
+                .ok_or_else(|| format!("{answer:?} is none of s, ms, us, ns, min, h"))
+        })?;
+        how.table.time_unit = Some(unit);
+    }
     if import::lacks_rate(file, how)? {
         let question = "sample rate in Hz, which the file does not say";
         let flag = "--rate, or --time with the column of the stamps,";
-        let rate_hz = questions.ask(question, flag, positive)?;
+        let rate_hz = questions.ask(question, flag, quantities::rate)?;
         questions.confirm(&format!("{rate_hz} Hz"));
         how.rate_hz = Some(rate_hz);
     }
@@ -277,11 +288,7 @@ fn told(config: &Config, outcome: &Outcome, width: Option<usize>) -> String {
     }
     let labels = identification.labels.as_ref();
     let conflict = &identification.conflict;
-    let doubts = Doubt::all(
-        Some(conflict.score),
-        Some(conflict.prior_tail),
-        labels.map(|labels| labels.probability),
-    );
+    let doubts = outcome.doubts();
     if let Some(force) = identification.posterior.marginal(Quantity::AxialForce) {
         text += &format!(
             "\n  {}axial force {}, 95 % interval in brackets\n",

@@ -46,6 +46,7 @@ pub mod report;
 pub mod report_page;
 mod rod_flags;
 pub mod run;
+mod sections;
 pub mod send;
 mod sensor;
 mod sensors;

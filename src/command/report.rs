@@ -1,7 +1,6 @@
 //! `tirante report`: writes a store's content as one page per site.
 
 use super::which_store::{WhichStore, check_rod};
-use crate::analysis::findings::Doubt;
 use crate::analysis::rod::beam::Quantity;
 use crate::analysis::rod::prior::Prior;
 use crate::analysis::signal::record::{RodId, Timestamp};
@@ -318,7 +317,7 @@ fn point(row: RecordRow) -> Option<RecordPoint> {
             .iter()
             .map(|mode| (mode.order, mode.frequency_hz, mode.sd_hz))
             .collect(),
-        doubts: Doubt::all(row.conflict, row.prior_tail, row.label_probability),
+        doubts: row.doubts(),
         set_aside: row.set_aside.map(|aside| aside.code().to_owned()),
     })
 }

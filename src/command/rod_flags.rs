@@ -1,9 +1,11 @@
 //! Length, section, material and expected force of a rod, from flags and answers.
 
 use super::BadArguments;
-use super::quantities::{self, Expected, Profile, Section, metres, millimetres};
+use super::quantities::{self, Expected, metres, millimetres};
 use super::questions::Questions;
+use super::sections::{self, Profile, Section};
 use crate::config::written::positive;
+use clap::ValueEnum;
 use std::io::BufRead;
 
 /// Largest section of a wire \[m^2\]: 8 mm in diameter.
@@ -20,7 +22,7 @@ pub struct RodFlags {
     pub length: Option<f64>,
     /// Section: d40 (round), 'square 40 mm', 40x60mm (width x height in the plane of vibration); without a unit millimetres from 1 on,
     /// metres up to 0.5.
-    #[arg(long, value_name = "SECTION", value_parser = quantities::section, conflicts_with_all = ["side_m", "diameter_m", "width_m"])]
+    #[arg(long, value_name = "SECTION", value_parser = sections::section, conflicts_with_all = ["side_m", "diameter_m", "width_m"])]
     pub section: Option<Section>,
     /// Side of a square section in metres.
     #[arg(long, value_name = "M", value_parser = positive, conflicts_with_all = ["diameter_m", "width_m"])]
@@ -35,7 +37,7 @@ pub struct RodFlags {
     #[arg(long, value_name = "M", value_parser = positive, requires = "width_m")]
     pub height_m: Option<f64>,
     /// Material of the rod.
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, ignore_case = true)]
     pub material: Option<Material>,
     /// Expected force: '150 kN' means give or take 30 %, '20..200 kN' contains it with 95 % probability.
     /// Without it every doubling from slack to yield is equally likely.
@@ -50,8 +52,10 @@ pub struct RodFlags {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Material {
     /// Wrought iron, as in historic buildings: 190 GPa give or take 10 %, 7650 kg/m3 give or take 3 %.
+    #[value(aliases = ["wrought iron", "wrought-iron", "puddled iron", "ferro", "ferro battuto", "fer", "fer forg\u{e9}", "eisen", "schmiedeeisen", "hierro"])]
     Iron,
     /// Rolled steel: 206 GPa give or take 4 %, 7850 kg/m3 give or take 1 %.
+    #[value(aliases = ["mild steel", "carbon steel", "structural steel", "acciaio", "acier", "stahl", "acero", "s235", "s275", "s355"])]
     Steel,
 }
 
@@ -75,13 +79,9 @@ impl Material {
     }
 
     fn read(text: &str) -> Result<Self, String> {
-        match text.to_lowercase().as_str() {
-            "iron" | "wrought iron" => Ok(Self::Iron),
-            "steel" => Ok(Self::Steel),
-            _ => Err(format!(
-                "{text:?} is neither iron nor steel; correct the priors of another material afterwards"
-            )),
-        }
+        Self::from_str(text, true).map_err(|_| {
+            format!("{text:?} is neither iron nor steel; correct the priors of another material afterwards")
+        })
     }
 
     fn said(self) -> &'static str {
@@ -152,7 +152,7 @@ impl Rod {
             Some(Section::Size(size_m)) => shape(size_m, questions)?,
             None => {
                 let question = "section (d40 round, s40 square, 40x60 mm width x height, 2 in)";
-                let profile = match questions.ask(question, "--section", quantities::section)? {
+                let profile = match questions.ask(question, "--section", sections::section)? {
                     Section::Known(profile) => profile,
                     Section::Size(size_m) => shape(size_m, questions)?,
                 };
@@ -174,7 +174,11 @@ impl Rod {
         }
         let material = match flags.material {
             Some(material) => material,
-            None => questions.ask("material (iron, steel)", "--material", Material::read)?,
+            None => {
+                let material = questions.ask("material (iron, steel)", "--material", Material::read)?;
+                questions.confirm(material.said());
+                material
+            }
         };
         let expected = match flags.force.or(flags.force_n.map(Expected::About)) {
             None if asks_force => {
@@ -269,6 +273,15 @@ mod tests {
             rod.said(),
             "9.5 m long, round, diameter 45 mm, wrought iron, expected force 20 to 200 kN with 95 % probability"
         );
+        for (word, material) in [
+            ("Acier", Material::Steel),
+            ("WROUGHT IRON", Material::Iron),
+            ("Fer forg\u{e9}", Material::Iron),
+        ] {
+            let rod = asked(&["--length", "3", "--section", "d40", "--material", word], "\n").unwrap();
+            assert_eq!(rod.material, material, "{word}");
+        }
+        assert!(Typed::try_parse_from(["x", "--material", "cast iron"]).is_err());
         // A wrong answer costs the answers before it nothing, and a bare size asks for its shape.
         let rod = asked(&["--length", "3 m"], "40 mm\noval\nsquare\nSteel\n\n").unwrap();
         assert_eq!((rod.length_m, rod.profile), (3.0, Profile::Square(0.04)));

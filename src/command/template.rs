@@ -164,8 +164,8 @@ mod tests {
     use super::*;
     use crate::analysis::rod::beam::Quantity;
     use crate::analysis::rod::prior::Prior;
-    use crate::command::quantities::Profile;
     use crate::command::rod_flags::Material;
+    use crate::command::sections::Profile;
     use crate::config::Config;
 
     fn parsed(rod: Rod) -> Config {

@@ -12,6 +12,7 @@
 //!
 //! A place is a share of the length (`0.3L`) or a length from the left support (`4.2m`).
 
+use super::units::{self, DENSITY, FORCE, LENGTH, MASS, MASS_PER_LENGTH, MODULUS, RIGIDITY, STIFFNESS};
 use super::written;
 use crate::analysis::inference::joint::Datum;
 use crate::analysis::rod::beam::Quantity;
@@ -71,6 +72,8 @@ impl Kind {
 /// # Errors
 /// The reason why it is invalid, with an example.
 pub fn datum(kind: Kind, text: &str, length_m: f64) -> Result<Datum, String> {
+    let keyed = units::keyed(text);
+    let text = keyed.as_str();
     let read = match kind {
         Kind::Load => load(text, length_m),
         Kind::Mass => ratio(text, length_m),
@@ -85,15 +88,12 @@ pub fn datum(kind: Kind, text: &str, length_m: f64) -> Result<Datum, String> {
 /// # Errors
 /// The reason why it is invalid.
 pub fn mass(text: &str, length_m: f64) -> Result<PointMass, String> {
-    let (amount, at) = cut(text, '@', "where the mass is")?;
-    let (value, unit) = number(amount)?;
-    let mass_kg = match unit {
-        "kg" => value,
-        "g" => value / 1e3,
-        "t" => value * 1e3,
-        "lb" | "lbs" => value * 0.453_592_37,
-        "n" | "kn" | "kgf" => return Err("a weight is no mass: write kg".to_owned()),
-        _ => return Err(format!("{unit:?} is no unit of mass known here: kg, g, t, lb")),
+    let text = units::keyed(text);
+    let (amount, at) = cut(&text, '@', "where the mass is")?;
+    let (value, unit) = units::number(amount)?;
+    let mass_kg = match FORCE.of(unit) {
+        Ok(_) => return Err("a weight is no mass: write kg".to_owned()),
+        Err(_) => MASS.si(value, unit)?,
     };
     Ok(PointMass {
         mass_kg,
@@ -104,13 +104,8 @@ pub fn mass(text: &str, length_m: f64) -> Result<PointMass, String> {
 fn load(text: &str, length_m: f64) -> Result<Datum, String> {
     let (given, found) = cut(text, '=', "the deflection")?;
     let (amount, at) = cut(given, '@', "where the load is")?;
-    let (value, unit) = number(amount)?;
+    let (value, unit) = units::number(amount)?;
     let force_n = match unit {
-        "n" => value,
-        "kn" => value * 1e3,
-        "dan" => value * 10.0,
-        "kgf" | "kp" => value * 9.806_65,
-        "lbf" => value * 4.448_221_615,
         "kg" => {
             return Err(format!(
                 "kg is a mass: a load of {value} kg is {value}kgf, {:.0}N",
@@ -118,11 +113,7 @@ fn load(text: &str, length_m: f64) -> Result<Datum, String> {
             ));
         }
         "" => return Err(format!("{value} of which unit? {value}N, or {value}kgf")),
-        _ => {
-            return Err(format!(
-                "{unit:?} is no unit of force known here: N, kN, daN, kgf, lbf"
-            ));
-        }
+        unit => FORCE.si(value, unit)?,
     };
     let at = place(at, length_m)?;
     let (value_and_place, error) = parted(found);
@@ -220,12 +211,12 @@ fn measured(text: &str) -> Result<Datum, String> {
         return Err(format!("{name:?} is nothing measured here: {}", words.join(", ")));
     };
     let (values, error) = parted(found);
-    let unit_of = |text: &str| -> Result<String, String> { Ok(number(text)?.1.to_owned()) };
+    let unit_of = |text: &str| -> Result<String, String> { Ok(units::number(text)?.1.to_owned()) };
     let parts = written::list(values)?;
     // One unit at the end serves all.
     let unit = unit_of(parts.last().copied().unwrap_or_default())?;
     let read = |text: &str| -> Result<f64, String> {
-        let (value, own) = number(text)?;
+        let (value, own) = units::number(text)?;
         let unit = if own.is_empty() { unit.as_str() } else { own };
         Ok(value * factor(quantity, unit)?)
     };
@@ -255,41 +246,16 @@ fn measured(text: &str) -> Result<Datum, String> {
 /// SI of one unit of a quantity.
 fn factor(quantity: Quantity, unit: &str) -> Result<f64, String> {
     use Quantity::*;
-    let units: &[(&str, f64)] = match quantity {
-        Side | Diameter | Width | Height | Length => {
-            &[("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("in", 0.0254)]
-        }
-        Density => &[
-            ("kg/m3", 1.0),
-            ("kg/m^3", 1.0),
-            ("g/cm3", 1e3),
-            ("g/cm^3", 1e3),
-            ("t/m3", 1e3),
-        ],
-        YoungsModulus => &[("gpa", 1e9), ("mpa", 1e6), ("pa", 1.0), ("n/mm2", 1e6)],
-        MassPerLength => &[("kg/m", 1.0), ("g/m", 1e-3)],
-        FlexuralRigidity => &[("nm2", 1.0), ("knm2", 1e3), ("n m^2", 1.0)],
-        SpringLeft | SpringRight => &[
-            ("nm/rad", 1.0),
-            ("knm/rad", 1e3),
-            ("mnm/rad", 1e6),
-            ("nm", 1.0),
-            ("knm", 1e3),
-        ],
-        AxialForce => &[],
+    let units = match quantity {
+        Side | Diameter | Width | Height | Length => &LENGTH,
+        Density => &DENSITY,
+        YoungsModulus => &MODULUS,
+        MassPerLength => &MASS_PER_LENGTH,
+        FlexuralRigidity => &RIGIDITY,
+        SpringLeft | SpringRight => &STIFFNESS,
+        AxialForce => &FORCE,
     };
-    units
-        .iter()
-        .find(|(word, _)| *word == unit)
-        .map(|(_, factor)| *factor)
-        .ok_or_else(|| {
-            let known: Vec<&str> = units.iter().map(|(word, _)| *word).collect();
-            format!(
-                "{unit:?} is no unit of {} known here: {}",
-                quantity.key(),
-                known.join(", ")
-            )
-        })
+    units.of(unit)
 }
 
 /// `mode2:rest`.
@@ -313,12 +279,10 @@ fn cut<'t>(text: &'t str, at: char, missing: &str) -> Result<(&'t str, &'t str),
         .ok_or_else(|| format!("{missing} is missing behind '{at}'"))
 }
 
-/// Splits a value from its error, which follows `+-` or `±`.
+/// Splits a value from its error, which follows `+-`.
 fn parted(text: &str) -> (&str, Option<&str>) {
-    let bare = |text: &'_ str| text.trim().len();
-    match text.split_once("+-").or_else(|| text.split_once('\u{b1}')) {
-        Some((value, error)) if bare(error) > 0 => (value.trim(), Some(error.trim())),
-        Some((value, _)) => (value.trim(), Some("")),
+    match text.split_once("+-") {
+        Some((value, error)) => (value.trim(), Some(error.trim())),
         None => (text.trim(), None),
     }
 }
@@ -344,9 +308,9 @@ fn spread(
 
 /// A place along the rod as a share of its length.
 fn place(text: &str, length_m: f64) -> Result<f64, String> {
-    let (value, unit) = number(text)?;
+    let (value, unit) = units::number(text)?;
     match unit {
-        "l" => Ok(value),
+        "l" | "L" => Ok(value),
         "" => Err(format!(
             "{value} of what? {value}L is a share of the length, {value}m a length"
         )),
@@ -356,69 +320,17 @@ fn place(text: &str, length_m: f64) -> Result<f64, String> {
 
 /// A length \[m\].
 fn length(text: &str) -> Result<f64, String> {
-    let (value, unit) = number(text)?;
-    match unit {
-        "m" => Ok(value),
-        "cm" => Ok(value / 1e2),
-        "mm" => Ok(value / 1e3),
-        "um" | "\u{b5}m" | "\u{3bc}m" => Ok(value / 1e6),
-        "in" => Ok(value * 0.0254),
-        "" => Err(format!("{value} of which unit? {value}mm, or {value}m")),
-        _ => Err(format!(
-            "{unit:?} is no unit of length known here: um, mm, cm, m, in"
-        )),
+    match units::number(text)? {
+        (value, "") => Err(format!("{value} of which unit? {value}mm, or {value}m")),
+        (value, unit) => LENGTH.si(value, unit),
     }
 }
 
 /// A number without a unit.
 fn plain(text: &str) -> Result<f64, String> {
-    match number(text)? {
+    match units::number(text)? {
         (value, "") => Ok(value),
         (_, unit) => Err(format!("{unit:?} stands behind a number without a unit")),
-    }
-}
-
-/// A number and the unit after it, in lower case except for a caller's own.
-fn number(text: &str) -> Result<(f64, &'static str), String> {
-    const UNITS: [&str; 44] = [
-        "", "n", "kn", "dan", "kgf", "kp", "lbf", "kg", "g", "t", "lb", "lbs", "l", "m", "cm", "mm", "um",
-        "\u{b5}m", "\u{3bc}m", "in", "kg/m3", "kg/m^3", "g/cm3", "g/cm^3", "t/m3", "gpa", "mpa", "pa",
-        "n/mm2", "kg/m", "g/m", "nm2", "knm2", "n m^2", "nm/rad", "knm/rad", "mnm/rad", "nm", "knm", "%",
-        "ft", "psi", "ksi", "kpa",
-    ];
-    let text = text.trim().to_lowercase();
-    let is_part = |i: usize, c: char| {
-        let before = text[..i].chars().next_back();
-        let after = text[i + c.len_utf8()..].chars().next();
-        match c {
-            '0'..='9' | '.' => true,
-            ',' => before
-                .zip(after)
-                .is_some_and(|(b, a)| b.is_ascii_digit() && a.is_ascii_digit()),
-            '+' | '-' => before.is_none_or(|b| b == 'e'),
-            'e' => {
-                before.is_some_and(|b| b.is_ascii_digit() || b == '.')
-                    && after.is_some_and(|a| a.is_ascii_digit() || a == '-' || a == '+')
-            }
-            _ => false,
-        }
-    };
-    let end = text
-        .char_indices()
-        .find(|&(i, c)| !is_part(i, c))
-        .map_or(text.len(), |(i, _)| i);
-    let (digits, unit) = text.split_at(end);
-    let value = match digits.contains(',') {
-        true => written::decimal(digits)?,
-        false => digits
-            .parse()
-            .map_err(|_| format!("{text:?} does not begin with a number"))?,
-    };
-    let unit = unit.trim();
-    match UNITS.iter().find(|known| **known == unit) {
-        Some(unit) if value.is_finite() => Ok((value, unit)),
-        Some(_) => Err(format!("{digits} is too large")),
-        None => Err(format!("{unit:?} is no unit known here")),
     }
 }
 
@@ -460,6 +372,20 @@ mod tests {
         let comma = datum(Kind::Load, "300N@0,5L=1,1mm+-3%", 14.0).unwrap();
         let point = datum(Kind::Load, "300N@0.5L=1.1mm+-3%", 14.0).unwrap();
         assert_eq!(comma, point);
+        for (text, si) in [
+            ("density=7.5 t/m\u{b3}+-1%", 7500.0),
+            ("density = 7500\u{a0}kg / m^3 \u{b1} 1 %", 7500.0),
+            ("modulus=190 kN/mm2+-5%", 190e9),
+            ("diameter=1 1/2 in+-1%", 0.0381),
+            ("spring_left=12 kN\u{b7}m/rad+-20%", 12e3),
+        ] {
+            let read = datum(Kind::Measured, text, 14.0).unwrap();
+            assert!((read.value / si - 1.0).abs() < 1e-12, "{text}: {}", read.value);
+        }
+        assert_eq!(
+            mass("0,02 tonnes @ 4200 mm", 14.0).map(|mass| mass.mass_kg),
+            Ok(20.0)
+        );
         let strain = datum(Kind::Strain, "mode1:0.1L/0.4L=12.3ue/mm+-2%", 14.0).unwrap();
         assert!((strain.value - 0.0123).abs() < 1e-9 && (strain.sd - 0.000_246).abs() < 1e-9);
         assert_eq!(
@@ -482,14 +408,19 @@ mod tests {
             (Kind::Load, "300N=1.1mm", "where the load is"),
             (Kind::Load, "300N@0.5L=1.1mm+-", "does not begin with a number"),
             (Kind::Load, "300N@0.5L=1.1mm+-0%", "above 0"),
-            (Kind::Load, "300 stone@0.5L=1.1mm", "no unit known"),
+            (Kind::Load, "300 stone@0.5L=1.1mm", "no unit of force known"),
+            (Kind::Load, "300 mN@0.5L=1.1mm", "MN is a million"),
             (Kind::Load, "1e400N@0.5L=1.1mm", "too large"),
             (Kind::Mass, "200N@0.3L=0.95+-1%", "no mass"),
             (Kind::Mass, "20kg@0.3L=0.95", "wants its error"),
             (Kind::Shape, "0.1L/0.4L=-0.6", "which mode"),
             (Kind::Shape, "mode2:0.1L=-0.6", "second place"),
             (Kind::Measured, "colour=3mm+-1%", "nothing measured"),
-            (Kind::Measured, "density=7.8mm+-1%", "no unit of density_kg_m3"),
+            (
+                Kind::Measured,
+                "density=7.8mm+-1%",
+                "no unit of density known here: kg/m3",
+            ),
             (Kind::Measured, "side=70mm", "wants its error"),
             (Kind::Measured, "side=70,1mm+-0.2mm", "may be a decimal comma"),
             (Kind::Measured, "density=7,85g/cm3+-1%", "may be a decimal comma"),

@@ -37,6 +37,7 @@ mod suggestion;
 mod take;
 mod test;
 mod track;
+pub mod units;
 mod value;
 pub mod written;
 

@@ -1,7 +1,7 @@
 //! One record's result as a row, for the store, for programs and for every display. It is text only as a line
 //! of JSON.
 
-use crate::analysis::findings::{self, CERTAIN, Candidate, Peak};
+use crate::analysis::findings::{self, CERTAIN, Candidate, Doubt, Peak};
 use crate::analysis::identify::{Identification, VERSION};
 use crate::analysis::inference::{Adjustment, Marginal, Posterior, Tested, VarianceShares};
 use crate::analysis::outcome::{Outcome, Rejected, Tabulated};
@@ -250,6 +250,11 @@ impl ModeRow {
 }
 
 impl RecordRow {
+    /// Reasons to doubt its force.
+    pub fn doubts(&self) -> Vec<Doubt> {
+        Doubt::all(self.conflict, self.prior_tail, self.label_probability)
+    }
+
     /// Row of a record; without a `verdict` the force is not tracked.
     pub fn of(outcome: &Outcome, verdict: Option<&Verdict>, config_hash: &str) -> Self {
         let mut row = Self::new(outcome.rod(), config_hash);

@@ -557,3 +557,28 @@ fn messages_name_cause_and_remedy() {
         assert!(!(out.clone() + &err).contains(unwanted), "{words:?}: {out}{err}");
     }
 }
+
+/// 200 Hz counted in milliseconds, without a unit in the head: asked for, and never taken for 0.2 Hz.
+#[test]
+fn a_time_column_without_a_unit_is_asked_for_its_unit() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let motion = |i: i32| (f64::from(i) * 0.188).sin() + 0.3 * (f64::from(i) * 0.392).sin();
+    let rows: String = (0..6000)
+        .map(|i| format!("{},{:.6}\n", 5 * i, motion(i)))
+        .collect();
+    fs::write(at.join("laser.csv"), format!("time,disp [mm]\n{rows}")).unwrap();
+    let (code, _, err) = measure(at, "laser.csv", &AISLE);
+    assert_eq!(code, Some(2), "{err}");
+    assert!(
+        err.contains("--time-unit is needed") && err.contains("ms: 200 Hz"),
+        "{err}"
+    );
+    let (code, _, err) = tirante(at, &["spectrum", "laser.csv"]);
+    assert!(code == Some(1) && err.contains("--time-unit"), "{code:?}: {err}");
+    let (_, out, err) = measure(at, "laser.csv", &[&AISLE[..], &["--time-unit", "ms"]].concat());
+    assert!(
+        out.contains("at 200.00 Hz") || err.contains("at 200.00 Hz"),
+        "{out}{err}"
+    );
+}

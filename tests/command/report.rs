@@ -10,6 +10,22 @@ use tirante::command::report_page::page;
 use tirante::command::report_page::view::{RejectionCount, RodReport, SiteReport};
 use tirante::site::store::Store;
 
+/// After a loss the regression expects the force that is left; the line that the report draws stays the baseline's.
+#[test]
+fn the_line_over_temperature_is_the_baselines() {
+    let report = site();
+    let mut settled = report.clone();
+    for (_, period) in settled.rods.iter_mut().flat_map(|rod| &mut rod.periods) {
+        if let Some(charted) = &mut period.charted {
+            charted.expected -= 0.03;
+        }
+    }
+    assert_ne!(report, settled);
+    let html = page(&report);
+    assert!(html.contains("the baseline&#39;s force: "), "the figure is there");
+    assert_eq!(html, page(&settled));
+}
+
 /// Every element is closed in order, attributes are quoted, ids are unique.
 fn assert_well_formed(html: &str) {
     let mut open: Vec<&str> = Vec::new();

@@ -140,7 +140,7 @@ fn touching_columns_of_text_are_told_apart() {
 #[test]
 fn matlab_files_read_as_scipy_reads_them() {
     for name in ["plain.mat", "packed.mat"] {
-        let found = mat::read(fixture(name).as_slice(), None, true, TimeUnit::S).unwrap();
+        let found = mat::read(fixture(name).as_slice(), None, true, Some(TimeUnit::S)).unwrap();
         as_the_oracle(name, &found.signals);
         let left_out = found.skipped.join("; ");
         for what in [
@@ -155,14 +155,18 @@ fn matlab_files_read_as_scipy_reads_them() {
             panic!("no stamps")
         };
         assert_eq!(stamps.nanos[..3], [0, 5_000_000, 10_000_000]);
-        let named = mat::read(fixture(name).as_slice(), Some("nobody"), true, TimeUnit::S);
+        let named = mat::read(fixture(name).as_slice(), Some("nobody"), true, Some(TimeUnit::S));
         assert!(named.unwrap_err().to_string().contains("there is: t, laser"));
     }
 }
 
 #[test]
 fn other_versions_of_matlab_files_are_refused_by_name() {
-    let refused = |bytes: &[u8]| mat::read(bytes, None, true, TimeUnit::S).unwrap_err().to_string();
+    let refused = |bytes: &[u8]| {
+        mat::read(bytes, None, true, Some(TimeUnit::S))
+            .unwrap_err()
+            .to_string()
+    };
     let mut hdf = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".to_vec();
     hdf.resize(512, b' ');
     assert!(refused(&hdf).contains("7.3 (HDF5)") && refused(&hdf).contains("'-v7'"));
@@ -184,7 +188,7 @@ fn a_matlab_file_that_unpacks_without_end_is_refused() {
     file.extend(15_u32.to_le_bytes());
     file.extend((packed.len() as u32).to_le_bytes());
     file.extend(packed);
-    let error = mat::read(file.as_slice(), None, true, TimeUnit::S)
+    let error = mat::read(file.as_slice(), None, true, Some(TimeUnit::S))
         .unwrap_err()
         .to_string();
     assert!(error.starts_with("variable 1: unpacks to more than"), "{error}");
@@ -275,7 +279,7 @@ fn binary_labview_files_read_as_nptdms_reads_them() {
         ("odd.tdms", 512.0, ""),
         ("unfinished.tdms", 512.0, "9 bytes at the end"),
     ] {
-        let found = tdms::read(fixture(name).as_slice(), None, true, TimeUnit::S).unwrap();
+        let found = tdms::read(fixture(name).as_slice(), None, true, Some(TimeUnit::S)).unwrap();
         as_the_oracle(name, &found.signals);
         assert!(found.skipped.join("; ").contains(left_out), "{:?}", found.skipped);
         assert_eq!(
@@ -308,7 +312,7 @@ fn asked_from(name: &str) -> Asked<'static> {
 #[test]
 fn binary_labview_files_that_are_not_read_are_refused_by_name() {
     let refused = |bytes: &[u8]| {
-        tdms::read(bytes, None, true, TimeUnit::S)
+        tdms::read(bytes, None, true, Some(TimeUnit::S))
             .unwrap_err()
             .to_string()
     };
@@ -330,7 +334,7 @@ fn binary_labview_files_that_are_not_read_are_refused_by_name() {
     assert!(refused(&version).contains("version 9"), "{}", refused(&version));
     assert!(refused(&whole[..whole.len() - 1]).contains("cut short"));
     assert!(refused(b"TDSm").contains("damaged"));
-    let named = tdms::read(plain.as_slice(), Some("nobody"), true, TimeUnit::S);
+    let named = tdms::read(plain.as_slice(), Some("nobody"), true, Some(TimeUnit::S));
     assert!(named.unwrap_err().to_string().contains("there is: run/laser's"));
 }
 
@@ -649,7 +653,7 @@ fn damaged_arrays_never_panic() {
 fn damaged_labview_files_never_panic() {
     for name in ["plain.tdms", "odd.tdms", "unfinished.tdms"] {
         sweep(fixture(name), |bytes| {
-            survive(tdms::read(bytes, None, true, TimeUnit::S).map(|found| found.signals))
+            survive(tdms::read(bytes, None, true, Some(TimeUnit::S)).map(|found| found.signals))
         });
     }
     for name in ["commas.lvm", "segments.lvm", "multi.lvm"] {
@@ -670,7 +674,7 @@ fn every_bit_turned_never_panics() {
             survive(match name {
                 "half.npy" => npy::read(bytes.as_slice()),
                 "double.wav" => wav::read(bytes.as_slice(), 1.0),
-                _ => tdms::read(bytes.as_slice(), None, true, TimeUnit::S).map(|found| found.signals),
+                _ => tdms::read(bytes.as_slice(), None, true, Some(TimeUnit::S)).map(|found| found.signals),
             });
         }
     }
@@ -682,7 +686,7 @@ fn a_header_that_promises_more_than_there_is_costs_nothing() {
     let mut lead = fixture("odd.tdms")[..28].to_vec();
     lead[12..20].copy_from_slice(&(1_u64 << 60).to_be_bytes());
     lead[20..28].copy_from_slice(&(1_u64 << 59).to_be_bytes());
-    let error = tdms::read(lead.as_slice(), None, true, TimeUnit::S).unwrap_err();
+    let error = tdms::read(lead.as_slice(), None, true, Some(TimeUnit::S)).unwrap_err();
     assert!(error.to_string().contains("metadata: damaged"), "{error}");
     let shape = "{'descr': '<f8', 'fortran_order': False, 'shape': (1152921504606846976,), }";
     let mut array = b"\x93NUMPY\x01\0".to_vec();
@@ -700,7 +704,7 @@ fn a_header_that_promises_more_than_there_is_costs_nothing() {
 fn damaged_matlab_files_never_panic() {
     for name in ["plain.mat", "packed.mat"] {
         sweep(fixture(name), |bytes| {
-            survive(mat::read(bytes, None, true, TimeUnit::S).map(|found| found.signals))
+            survive(mat::read(bytes, None, true, Some(TimeUnit::S)).map(|found| found.signals))
         });
     }
 }

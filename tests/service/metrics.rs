@@ -56,6 +56,7 @@ fn live() -> Outcome {
         let now = SystemTime::UNIX_EPOCH.elapsed().unwrap().as_nanos() as i64;
         let ago = (measurement.duration_s * 1e9) as i64 + 2_000_000_000;
         measurement.start = Timestamp::from_nanos(now - ago);
+        identification.conflict.score = 5.0;
     }
     outcome
 }
@@ -163,6 +164,8 @@ fn values_are_those_that_were_given() {
         "tirante_latency_seconds_bucket{le=\"10.0\"} 1",
         "tirante_received_bytes_total 1000",
         "tirante_rod_force_newtons{rod=\"nave-3\"} 712000.0",
+        "tirante_rod_force_doubt{rod=\"nave-3\",doubt=\"conflict\"} 1",
+        "tirante_rod_force_doubt{rod=\"nave-3\",doubt=\"orders\"} 0",
         "tirante_rod_state{rod=\"nave-3\",state=\"alarm\"} 1",
         "tirante_rod_state{rod=\"nave-3\",state=\"learning\"} 0",
         "tirante_alarms_standing{rod=\"nave-3\",kind=\"drift\"} 1",
@@ -208,6 +211,7 @@ fn a_force_that_is_not_known_is_absent_and_a_record_that_does_not_count_changes_
         .metrics
         .taken(&crate::archive::identified(&rod(), 4), &unknown, took);
     assert!(!telemetry.metrics.text().contains("tirante_rod_force_newtons{"));
+    assert!(!telemetry.metrics.text().contains("tirante_rod_force_doubt{"));
     let late = telemetry.metrics.text();
     assert!(
         late.contains("tirante_latency_seconds_count 1\n"),

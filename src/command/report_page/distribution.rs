@@ -108,22 +108,15 @@ pub(super) fn significant(value: f64) -> String {
     minus(&format!("{value:.decimals$}"))
 }
 
-/// Relative force of each period against its temperature, with the fitted line.
+/// Relative force of each period against its temperature, with the line of the baseline's force.
 pub(super) fn thermal(rod: &RodReport, id: &str) -> Option<Markup> {
     let segment = rod.segment()?;
     let reference = segment.reference_c?;
-    let points: Vec<(f64, f64, f64)> = rod
+    let points: Vec<(f64, f64)> = rod
         .periods
         .iter()
         .filter(|(number, _)| *number == segment.number)
-        .filter_map(|(_, period)| {
-            let charted = period.charted.as_ref()?;
-            Some((
-                charted.temperature_c?,
-                100.0 * period.delta,
-                100.0 * charted.expected,
-            ))
-        })
+        .filter_map(|(_, period)| Some((period.charted.as_ref()?.temperature_c?, 100.0 * period.delta)))
         .collect();
     let every = points.len().div_ceil(SCATTER_POINTS).max(1);
     let x = axis::span(points.iter().map(|point| point.0), 0.05)?;
@@ -131,25 +124,18 @@ pub(super) fn thermal(rod: &RodReport, id: &str) -> Option<Markup> {
     let mut figure = Figure::new(x, y, 200.0);
     figure.x_axis(&axis::numbers(x, 8), "temperature of the rod [\u{b0}C]");
     figure.y_axis(&axis::numbers(y, 5), "change of force [%]");
-    figure.dots("c1", points.iter().step_by(every).map(|point| (point.0, point.1)));
+    figure.dots("c1", points.iter().step_by(every).copied());
     figure.key("c1", "periods");
     if let Some(line) = &rod.thermal {
-        // Through the mean of the expected values, so that the line includes the learned intercept.
-        let latest = points.iter().rev().take(30);
-        let (count, offset) = latest.fold((0.0, 0.0), |(count, sum), point| {
-            (
-                count + 1.0,
-                sum + point.2 - 100.0 * line.slope_per_k * (point.0 - reference),
-            )
-        });
-        let offset = offset / f64::max(count, 1.0);
-        let at = |celsius: f64| (celsius, offset + 100.0 * line.slope_per_k * (celsius - reference));
+        let slope = 100.0 * line.slope_per_k;
+        // Through the baseline, not through the latest level, which a loss has moved.
+        let at = |celsius: f64| (celsius, slope * (celsius - reference));
         figure.line("c2", [at(x.0), at(x.1)].into_iter());
         figure.key(
             "c2",
-            &format!("learned: {} % per kelvin", significant(100.0 * line.slope_per_k)),
+            &format!("the baseline's force: {} % per kelvin", significant(slope)),
         );
     }
     let title = format!("Force of rod {} against temperature", rod.rod);
-    Some(figure.finish(id, &title, "Relative change of force of each period in percent against the rod's temperature, with the line the regression learned."))
+    Some(figure.finish(id, &title, "Relative change of force of each period in percent against the rod's temperature, with the line of the baseline's force, as learned."))
 }

@@ -277,7 +277,7 @@ fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
         figure(
             html,
             thermal,
-            "Each dot is one period. Dots along the line are what temperature does to a sound rod; dots that leave it are not.",
+            "Each dot is one period. The line is what temperature alone does to the force of the baseline: dots that leave it lost or gained force besides.",
         );
     }
     html.leaf("h3", &[], "Absolute force");

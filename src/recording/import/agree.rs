@@ -13,6 +13,8 @@ const RATE_ERROR: f64 = 1e-3;
 const FEW_DIGITS: f64 = 5e-6;
 /// Chance that a round rate lies within the rounding by accident, at most.
 const BY_CHANCE: f64 = 0.1;
+/// Lowest rate of a motion \[Hz\].
+const SLOWEST_HZ: f64 = 2.0;
 /// Distances of round rates \[Hz\].
 const ROUND_HZ: [f64; 16] = [
     1.0, 5.0, 10.0, 16.0, 32.0, 50.0, 64.0, 100.0, 128.0, 256.0, 500.0, 512.0, 1000.0, 1024.0, 2048.0, 5000.0,
@@ -78,6 +80,15 @@ impl Plan {
             have.join(", ")
         )))
     }
+}
+
+/// Units that the stamps of a motion may have, each with its rate, where nothing says the unit and in seconds the rate would be lower than
+/// that of any motion.
+pub(super) fn time_units(stamps: &Stamps) -> Option<String> {
+    let fs_hz = 1e9 / grid::interval_ns(stamps).ok()?;
+    let rates = [("s", 1.0), ("ms", 1e3), ("us", 1e6)]
+        .map(|(unit, times)| format!("{unit}: {} Hz", rounded(fs_hz * times)));
+    (!stamps.says_unit && !stamps.absolute && fs_hz < SLOWEST_HZ).then(|| rates.join(", "))
 }
 
 pub(super) fn no_start(told: &str) -> ImportError {

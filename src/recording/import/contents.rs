@@ -3,7 +3,7 @@
 use super::asked::tell_apart;
 use super::asked::{Asked, Wanted};
 use super::format::{Format, Kind, LOOKED_AT, kind};
-use super::{ImportError, Signal, TimeUnit, Timing, csv, lvm, mat, npy, ramp, tdms, uff, wav};
+use super::{ImportError, Signal, Timing, csv, lvm, mat, npy, ramp, tdms, uff, wav};
 use crate::analysis::signal::record::{RodChannels, Timestamp, Unit};
 use crate::recording::read::contents::rounded;
 use std::io::{BufReader, Cursor, Read};
@@ -121,8 +121,7 @@ pub fn read(mut from: impl Read, path: &Path, how: &How) -> Result<Option<Conten
         Format::Wav => (wav::read(from, how.full_scale.unwrap_or(1.0))?, Vec::new()),
         Format::Mat => {
             let (time, find) = how.time();
-            let unit = how.table.time_unit.unwrap_or(TimeUnit::S);
-            let found = mat::read(from, time.as_deref(), find, unit)?;
+            let found = mat::read(from, time.as_deref(), find, how.table.time_unit)?;
             (found.signals, found.skipped)
         }
         Format::Lvm => {
@@ -131,8 +130,7 @@ pub fn read(mut from: impl Read, path: &Path, how: &How) -> Result<Option<Conten
         }
         Format::Tdms => {
             let (time, find) = how.time();
-            let unit = how.table.time_unit.unwrap_or(TimeUnit::S);
-            let found = tdms::read(from, time.as_deref(), find, unit)?;
+            let found = tdms::read(from, time.as_deref(), find, how.table.time_unit)?;
             (found.signals, found.skipped)
         }
         Format::Npy => (npy::read(from)?, Vec::new()),

@@ -266,6 +266,37 @@ mod tests {
         assert!(dated.is_ok());
     }
 
+    /// Thousandths and less that count from 1970 are known as such; what may be either is for the plan to ask.
+    #[test]
+    fn the_unit_of_a_time_is_said_or_follows_from_its_date() {
+        let stamps = |text: &str| match &signals(text, &Table::default()).unwrap()[0].timing {
+            Timing::Stamps(stamps) => (stamps.nanos.clone(), stamps.says_unit, stamps.absolute),
+            other => panic!("{other:?}"),
+        };
+        let six = 1_772_344_800_000_000_000;
+        for (first, second) in [
+            ("1772344800000", "1772344800005"),
+            ("1772344800000000", "1772344800005000"),
+            ("1772344800000000000", "1772344800005000000"),
+        ] {
+            let found = stamps(&format!("time,d\n{first},1.5\n{second},2.5\n"));
+            assert_eq!(found, (vec![six, six + 5_000_000], true, true), "{first}");
+        }
+        assert_eq!(
+            stamps("time,d\n0,1.5\n5,2.5\n"),
+            (vec![0, 5_000_000_000], false, false)
+        );
+        assert_eq!(
+            stamps("time_ms,d\n0,1.5\n5,2.5\n"),
+            (vec![0, 5_000_000], true, false)
+        );
+        assert!(stamps("time,d\n06:00:00,1.5\n06:00:05,2.5\n").1);
+        let beyond = signals("t,d\n9000000000,1.5\n9005000000,2.5\n", &Table::default()).map(|_| ());
+        assert_eq!(beyond, Ok(()));
+        let beyond = signals("t,d\n9300000000,1.5\n9305000000,2.5\n", &Table::default()).unwrap_err();
+        assert!(beyond.contains("--time-unit"), "{beyond}");
+    }
+
     #[test]
     fn blanks_and_columns_by_number() {
         let table = Table {

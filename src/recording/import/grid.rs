@@ -90,9 +90,6 @@ pub(super) fn uneven(stamps: &Stamps) -> Option<Grid> {
 /// Best grid, and the stamp farthest from it.
 fn fit(stamps: &Stamps) -> Result<(Grid, usize), ImportError> {
     let nanos = &stamps.nanos;
-    if nanos.len() < 2 {
-        return Err(ImportError::new("fewer than two stamps give no rate"));
-    }
     let interval = interval_ns(stamps)?;
     let longest = 1.5 * interval + stamps.resolution_ns as f64;
     let mut stretches: Vec<Range<usize>> = Vec::new();
@@ -139,8 +136,11 @@ fn difference(later: i64, earlier: i64) -> f64 {
     (i128::from(later) - i128::from(earlier)) as f64
 }
 
-/// Median interval \[ns\]; an error if the stamps do not increase.
-fn interval_ns(stamps: &Stamps) -> Result<f64, ImportError> {
+/// Median interval \[ns\]; an error if the stamps are fewer than two, or do not increase.
+pub(super) fn interval_ns(stamps: &Stamps) -> Result<f64, ImportError> {
+    if stamps.nanos.len() < 2 {
+        return Err(ImportError::new("fewer than two stamps give no rate"));
+    }
     let mut steps = Vec::with_capacity(stamps.nanos.len());
     let mut equal = None;
     for (index, pair) in stamps.nanos.windows(2).enumerate() {
@@ -221,9 +221,6 @@ pub(super) fn resample(
     most: usize,
 ) -> Result<(Grid, Vec<f64>), ImportError> {
     let nanos = &stamps.nanos;
-    if nanos.len() < 2 {
-        return Err(ImportError::new("fewer than two stamps give no rate"));
-    }
     let step = 1e9 / fs_hz;
     let interval = interval_ns(stamps)?;
     if step > COARSER * interval {
@@ -293,6 +290,7 @@ mod tests {
             nanos,
             absolute: false,
             resolution_ns,
+            says_unit: true,
             lines: Vec::new(),
         }
     }

@@ -217,6 +217,7 @@ fn together(pieces: &[Piece]) -> Result<Stamps, ImportError> {
         nanos: Vec::new(),
         absolute: true,
         resolution_ns: 1,
+        says_unit: true,
         lines: Vec::new(),
     };
     for piece in pieces {

@@ -33,7 +33,7 @@ pub fn read(
     mut from: impl Read,
     time: Option<&str>,
     find_time: bool,
-    unit: TimeUnit,
+    unit: Option<TimeUnit>,
 ) -> Result<Variables, ImportError> {
     let is_little = header(&mut from)?;
     let mut found = Variables::default();

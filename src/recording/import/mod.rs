@@ -32,7 +32,9 @@ mod write;
 pub use self::asked::{Asked, Wanted, unknown_unit};
 pub use self::contents::{Contents, How, describe, read};
 pub use self::format::Format;
-pub use self::open::{Opened, Seen, Whose, begins, format, lacks_rate, open, open_any, topics};
+pub use self::open::{
+    Opened, Seen, Whose, begins, format, lacks_rate, lacks_time_unit, open, open_any, topics,
+};
 pub use self::plan::Plan;
 pub use self::stamp::{DateOrder, TimeUnit, utc_offset};
 pub use self::write::write;
@@ -129,6 +131,8 @@ pub struct Stamps {
     pub absolute: bool,
     /// Finest step in which they are written \[ns\], at least 1.
     pub resolution_ns: i64,
+    /// False if nothing says the unit of their numbers, which then pass for seconds.
+    pub says_unit: bool,
     /// Line of each in the file; empty if it has no lines.
     pub lines: Vec<u32>,
 }

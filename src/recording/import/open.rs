@@ -1,5 +1,6 @@
 //! Opens a file of any format as a recording, without writing one.
 
+use super::agree::time_units;
 use super::choose::for_rods;
 use super::contents::{How, read};
 use super::format::{Format, Kind, LOOKED_AT, kind};
@@ -226,6 +227,24 @@ pub fn lacks_rate(path: &Path, how: &How) -> Result<bool, SourceError> {
             let mut signals = contents.signals.iter();
             signals.all(|signal| signal.timing == Timing::Unknown)
         }))
+}
+
+/// Units that the times of another program's file may have, each with the rate of its motion, if the file does not say the unit and they
+/// can hardly be seconds.
+///
+/// # Errors
+/// As of [`open_any`].
+pub fn lacks_time_unit(path: &Path, how: &How) -> Result<Option<String>, SourceError> {
+    let found = foreign(path, how, &|file, _| Box::new(file))?;
+    let signals = found.into_iter().flat_map(|(contents, _)| contents.signals);
+    let is_motion = |signal: &Signal| {
+        let unit = signal.unit.as_deref().and_then(Unit::as_written);
+        !unit.is_some_and(|unit| Unit::TEMPERATURE.contains(&unit))
+    };
+    Ok(signals.filter(is_motion).find_map(|signal| match &signal.timing {
+        Timing::Stamps(stamps) => time_units(stamps),
+        _ => None,
+    }))
 }
 
 /// Time of the first sample of another program's file, if the file gives it; `None` for a recording.

@@ -1,7 +1,7 @@
 //! Settles topics, units, rates and times of a file before it is written, and checks them against a
 //! configuration.
 
-use super::agree::{agree, base, no_start, rate};
+use super::agree::{agree, base, no_start, rate, time_units};
 use super::asked::{Asked, Wanted, channels_of, choose, told, unit};
 use super::grid::{self, Stretch};
 use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing};
@@ -126,6 +126,12 @@ impl Plan {
         let mut values = signal.values;
         let (fs_hz, stretches, deviation_s) = match &signal.timing {
             Timing::Stamps(stamps) => {
+                let is_motion = !unit.is_some_and(|unit| Unit::TEMPERATURE.contains(&unit));
+                if let Some(rates) = time_units(stamps).filter(|_| is_motion) {
+                    return Err(ImportError::new(format!(
+                        "nothing says the unit of the time column, and {told} would have a rate of ({rates}): --time-unit says it"
+                    )));
+                }
                 let base_ns = base(stamps, asked, &told)?;
                 let grid = match asked.resample_hz {
                     Some(fs_hz) => {
@@ -311,6 +317,35 @@ mod tests {
             (good[0].unit, good[0].fs_hz, good[0].topic.as_str()),
             (Unit::Millimetre, 200.0, "d")
         );
+    }
+
+    /// 200 Hz in ms would be 0.2 Hz in seconds: slower than any rod moves, but right for a thermometer.
+    #[test]
+    fn times_of_an_unknown_unit_are_not_taken_for_seconds_of_a_motion() {
+        let stamped = |unit: Option<&str>, says_unit: bool| {
+            let stamps = Stamps {
+                nanos: (0..10).map(|i| i * 5_000_000_000).collect(),
+                absolute: false,
+                resolution_ns: 1_000_000_000,
+                says_unit,
+                lines: Vec::new(),
+            };
+            let asked = Asked {
+                start: Some(START),
+                any_unit: true,
+                ..Asked::default()
+            };
+            planned(vec![signal("d", unit, Timing::Stamps(Arc::new(stamps)))], &asked)
+        };
+        for unit in [Some("mm"), None] {
+            let said = stamped(unit, false).unwrap_err();
+            assert!(
+                said.contains("s: 0.2 Hz, ms: 200 Hz, us: 200000 Hz") && said.contains("--time-unit"),
+                "{said}"
+            );
+        }
+        assert_eq!(stamped(Some("mm"), true).unwrap()[0].fs_hz, 0.2);
+        assert_eq!(stamped(Some("\u{b0}C"), false).unwrap()[0].fs_hz, 0.2);
     }
 
     #[test]

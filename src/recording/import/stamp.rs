@@ -62,14 +62,14 @@ impl TimeUnit {
     }
 
     /// Unit that a head names.
-    pub(super) fn of(text: &str) -> Option<Self> {
+    pub fn of(text: &str) -> Option<Self> {
         match text.trim() {
-            "h" | "hr" | "hours" => Some(Self::H),
-            "min" | "minutes" => Some(Self::Min),
-            "s" | "sec" | "S" | "seconds" => Some(Self::S),
-            "ms" | "msec" => Some(Self::Ms),
-            "us" | "µs" | "μs" | "usec" => Some(Self::Us),
-            "ns" => Some(Self::Ns),
+            "h" | "hr" | "hour" | "hours" => Some(Self::H),
+            "min" | "minute" | "minutes" => Some(Self::Min),
+            "s" | "sec" | "S" | "second" | "seconds" => Some(Self::S),
+            "ms" | "msec" | "millisecond" | "milliseconds" => Some(Self::Ms),
+            "us" | "µs" | "μs" | "usec" | "microsecond" | "microseconds" => Some(Self::Us),
+            "ns" | "nsec" | "nanosecond" | "nanoseconds" => Some(Self::Ns),
             _ => None,
         }
     }
@@ -146,11 +146,25 @@ pub(super) fn clock(text: &str) -> Option<Written> {
     })
 }
 
+/// Unit of a number that nobody said: seconds, but in thousandths and less of it where only so it counts from 1970 to a day from 2001 to
+/// 2096, which is no guess: as seconds such numbers lie 40 000 years and more ahead.
+pub(super) fn likely_unit(value: f64) -> TimeUnit {
+    [TimeUnit::Ms, TimeUnit::Us, TimeUnit::Ns]
+        .into_iter()
+        .find(|unit| (1e18..4e18).contains(&(value * unit.nanos())))
+        .unwrap_or(TimeUnit::S)
+}
+
 /// Least number that counts from 1970: 10^9 s, in September 2001.
 pub(super) const SINCE_2001: i64 = 1_000_000_000_000_000_000;
 
 /// Stamps in a variable or channel called `name`.
-pub(super) fn from_numbers(name: &str, values: &[f64], unit: TimeUnit) -> Result<Stamps, ImportError> {
+pub(super) fn from_numbers(
+    name: &str,
+    values: &[f64],
+    said: Option<TimeUnit>,
+) -> Result<Stamps, ImportError> {
+    let unit = said.unwrap_or_else(|| values.first().map_or(TimeUnit::S, |first| likely_unit(*first)));
     let in_nanos = |value: &f64| {
         let nanos = (value * unit.nanos()).round();
         (nanos.abs() < 9.2e18).then_some(nanos as i64)
@@ -165,6 +179,7 @@ pub(super) fn from_numbers(name: &str, values: &[f64], unit: TimeUnit) -> Result
     Ok(Stamps {
         absolute: nanos.first().is_some_and(|first| *first >= SINCE_2001),
         resolution_ns: (largest >> 52).max(1) as i64,
+        says_unit: said.is_some() || unit != TimeUnit::S,
         nanos,
         lines: Vec::new(),
     })

@@ -47,7 +47,7 @@ pub fn read(
     mut from: impl Read,
     time: Option<&str>,
     find_time: bool,
-    unit: TimeUnit,
+    unit: Option<TimeUnit>,
 ) -> Result<Groups, ImportError> {
     let mut objects = Objects::default();
     let mut skipped = Vec::new();

@@ -298,6 +298,7 @@ impl Header {
                 nanos,
                 absolute: start.is_some(),
                 resolution_ns: ((coarsest * 1e9) as i64).max(1),
+                says_unit: true,
                 lines: Vec::new(),
             };
             (Timing::Stamps(Arc::new(stamps)), ordinates)

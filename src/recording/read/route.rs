@@ -795,14 +795,17 @@ impl Rod {
     }
 }
 
-/// Nanoseconds of a time that counts whole seconds: programs write 1772344800.0 as 1772344800. Nanoseconds since 1970 it cannot be if
-/// as seconds it lies within a day of the time at which it was logged.
+/// Nanoseconds of a time that counts whole seconds, milliseconds or microseconds: programs write 1772344800.0 as 1772344800. Nanoseconds
+/// since 1970 it cannot be if in such a unit it lies within a day of the time at which it was logged.
 #[inline]
-fn of_whole_seconds(time: i64, log_time: u64) -> Option<i64> {
+fn of_coarser_unit(time: i64, log_time: u64) -> Option<i64> {
     const DAY_NS: u64 = 86_400_000_000_000;
-    let nanos = time.checked_mul(1_000_000_000).filter(|_| time > 1_000_000_000)?;
     let is_near = |nanos: i64| u64::try_from(nanos).is_ok_and(|nanos| nanos.abs_diff(log_time) < DAY_NS);
-    (is_near(nanos) && !is_near(time)).then_some(nanos)
+    if is_near(time) || time <= 1_000_000_000 {
+        return None;
+    }
+    let in_unit = |nanos: &i64| time.checked_mul(*nanos).filter(|time| is_near(*time));
+    [1_000_000_000, 1_000_000, 1_000].iter().find_map(in_unit)
 }
 
 impl Route {
@@ -833,7 +836,7 @@ impl Route {
                 i64::try_from(nanos).map_err(|_| DecodeError::Stamp { nanos })?
             }
         };
-        let time = Timestamp::from_nanos(of_whole_seconds(time, message.log_time).unwrap_or(time));
+        let time = Timestamp::from_nanos(of_coarser_unit(time, message.log_time).unwrap_or(time));
         let unit = channel.unit;
         if self.temperature {
             for &raw in scratch.iter() {
@@ -853,5 +856,27 @@ impl Route {
         rod.files.note(file, time);
         rod.assembler.push(time, scratch);
         Ok(Some(time))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_time_in_a_coarser_unit_is_known_by_the_time_of_its_log() {
+        let six = 1_772_344_800_000_000_000;
+        let logged = six as u64 + 3_600_000_000_000;
+        for unit in [1_000_000_000, 1_000_000, 1_000] {
+            assert_eq!(of_coarser_unit(six / unit, logged), Some(six), "{unit}");
+            // Two days on, it may count nanoseconds of a clock that nobody set.
+            assert_eq!(
+                of_coarser_unit(six / unit, logged + 172_800_000_000_000),
+                None,
+                "{unit}"
+            );
+        }
+        assert_eq!(of_coarser_unit(six, logged), None);
+        assert_eq!(of_coarser_unit(5, 0), None);
     }
 }

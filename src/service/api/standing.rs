@@ -152,7 +152,7 @@ impl RodStatus {
             force_n: row.force_n(),
             relative_force: row.ratio(),
             axial_force_n: row.axial_force_n.as_ref().map(Interval::from),
-            doubts: Doubt::all(row.conflict, row.prior_tail, row.label_probability),
+            doubts: row.doubts(),
             latest_used,
             latest_record: standing.latest_start,
             records_ahead: standing.ahead,

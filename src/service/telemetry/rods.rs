@@ -1,6 +1,7 @@
 //! Gauges of the rods: the status of each after its latest record.
 
 use super::metrics::{Quantity, Register, count};
+use crate::analysis::findings::Doubt;
 use crate::analysis::identify::Identification;
 use crate::analysis::outcome::Outcome;
 use crate::analysis::signal::record::{RodId, Timestamp};
@@ -33,11 +34,18 @@ struct OfRodState {
     state: &'static str,
 }
 
+#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct OfRodDoubt {
+    rod: String,
+    doubt: &'static str,
+}
+
 #[derive(Debug)]
 pub(super) struct Rods {
     alarms: Family<OfRodKind, Gauge>,
     state: Family<OfRodState, Gauge>,
     force_n: Family<OfRod, Quantity>,
+    doubts: Family<OfRodDoubt, Gauge>,
     relative: Family<OfRod, Quantity>,
     last_record_s: Family<OfRod, Quantity>,
     awaited_s: Family<OfRod, Quantity>,
@@ -60,6 +68,11 @@ impl Rods {
                 "rod_force",
                 Some(Unit::Other("newtons".to_owned())),
                 "Axial force of a rod's latest record that counts, at the reference temperature if compensated",
+            ),
+            doubts: register.put(
+                "rod_force_doubt",
+                None,
+                "1 for each reason to doubt that force (docs/measure.md, Marks), else 0; absent as the force",
             ),
             relative: register.put(
                 "rod_relative_force",
@@ -99,7 +112,7 @@ impl Rods {
             let relative = verdict.relative.as_ref();
             let force_n = at_reference.map(|at| at.force_n).or(relative.map(|r| r.force_n));
             let ratio = at_reference.map(|at| at.ratio).or(relative.map(|r| r.ratio));
-            self.force(rod, force_n, ratio);
+            self.force(rod, force_n, ratio, &outcome.doubts());
         }
     }
 
@@ -108,6 +121,7 @@ impl Rods {
         self.alarms.clear();
         self.state.clear();
         self.force_n.clear();
+        self.doubts.clear();
         self.relative.clear();
         self.last_record_s.clear();
         self.awaited_s.clear();
@@ -122,12 +136,28 @@ impl Rods {
             if let Ok(Some(row)) = standing.latest_row()
                 && row.segment == Some(standing.segment)
             {
-                self.force(rod, row.force_n(), row.ratio());
+                self.force(rod, row.force_n(), row.ratio(), &row.doubts());
             }
         }
     }
 
-    fn force(&self, rod: &RodId, force_n: Option<Interval>, ratio: Option<Interval>) {
+    fn force(&self, rod: &RodId, force_n: Option<Interval>, ratio: Option<Interval>, doubts: &[Doubt]) {
+        for doubt in Doubt::ALL {
+            let of = OfRodDoubt {
+                rod: rod.0.clone(),
+                doubt: doubt.code(),
+            };
+            match force_n {
+                Some(_) => {
+                    self.doubts
+                        .get_or_create(&of)
+                        .set(i64::from(doubts.contains(&doubt)));
+                }
+                None => {
+                    self.doubts.remove(&of);
+                }
+            }
+        }
         put(&self.force_n, rod, force_n.map(|force| force.mean));
         put(&self.relative, rod, ratio.map(|ratio| ratio.mean));
     }

@@ -36,10 +36,12 @@ pub(super) struct Columns {
     /// Number of lines of delimiters alone since the last one with more.
     blank_at_end: usize,
     time: Vec<usize>,
-    /// Unit of numbers in the time column, or the head's text that is no unit.
-    time_unit: Result<TimeUnit, String>,
+    /// Unit of numbers in the time column, `None` if nothing says it, or the head's text that is no unit.
+    time_unit: Result<Option<TimeUnit>, String>,
     dates: Option<DateOrder>,
     utc_offset_s: i32,
+    /// True once something says the unit: head, option, a date or time of day.
+    says_unit: bool,
     nanos: Vec<i64>,
     lines: Vec<u32>,
     resolution_ns: i64,
@@ -98,10 +100,10 @@ impl Columns {
             .and_then(|place| units.get(*place))
             .and_then(|unit| unit.as_deref());
         let time_unit = match (table.time_unit, of_head) {
-            (Some(unit), _) => Ok(unit),
-            (None, None) => Ok(TimeUnit::S),
+            (Some(unit), _) => Ok(Some(unit)),
+            (None, None) => Ok(None),
             // Heads of date columns have other words: "UTC", "local".
-            (None, Some(head)) => TimeUnit::of(head).ok_or_else(|| head.to_owned()),
+            (None, Some(head)) => TimeUnit::of(head).map(Some).ok_or_else(|| head.to_owned()),
         };
         let mut skipped = Vec::new();
         let mut places: Vec<(usize, bool)> = Vec::new();
@@ -150,6 +152,7 @@ impl Columns {
             skipped,
             blank_at_end: 0,
             time,
+            says_unit: !matches!(time_unit, Ok(None)),
             time_unit,
             dates: table.dates,
             utc_offset_s: table.utc_offset_s,
@@ -256,7 +259,20 @@ impl Columns {
             true => text.replace(',', "."),
             false => text.clone(),
         };
-        let unit = self.time_unit.as_ref().copied().unwrap_or(TimeUnit::S);
+        if let (Ok(None), Ok(first)) = (&self.time_unit, decimal.parse())
+            && self.nanos.is_empty()
+            && stamp::likely_unit(first) != TimeUnit::S
+        {
+            self.time_unit = Ok(Some(stamp::likely_unit(first)));
+            self.says_unit = true;
+        }
+        let unit = self
+            .time_unit
+            .as_ref()
+            .ok()
+            .copied()
+            .flatten()
+            .unwrap_or(TimeUnit::S);
         let written: Written = match (stamp::number(&decimal, unit), &self.time_unit) {
             (Some(written), Ok(_)) => written,
             (Some(_), Err(head)) => {
@@ -264,10 +280,18 @@ impl Columns {
                     "counts {head:?} by its head, which is not known: --time-unit says it"
                 )));
             }
-            (None, _) => match stamp::clock(&text) {
-                Some(written) => written,
-                None => stamp::date(&text, self.dates, self.utc_offset_s).map_err(refuse)?,
-            },
+            (None, Ok(None)) if decimal.parse::<f64>().is_ok_and(|value| value.abs() > 9e9) => {
+                return Err(refuse(
+                    "lies beyond 292 years in seconds: --time-unit says the unit, ms, us or ns".to_owned(),
+                ));
+            }
+            (None, _) => {
+                self.says_unit = true;
+                match stamp::clock(&text) {
+                    Some(written) => written,
+                    None => stamp::date(&text, self.dates, self.utc_offset_s).map_err(refuse)?,
+                }
+            }
         };
         if *self.is_date.get_or_insert(written.is_date) != written.is_date {
             return Err(refuse("is of another kind than the stamps before".to_owned()));
@@ -289,6 +313,7 @@ impl Columns {
                 nanos: self.nanos,
                 absolute,
                 resolution_ns: self.resolution_ns.max(1),
+                says_unit: self.says_unit,
                 lines: self.lines,
             }))
         };

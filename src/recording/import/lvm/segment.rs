@@ -258,6 +258,7 @@ impl Segment {
             nanos: nanos.into_iter().map(|nano| nano.saturating_add(from)).collect(),
             absolute: is_absolute || start.is_some(),
             resolution_ns: channel.resolution_ns.max(1),
+            says_unit: true,
             lines: Vec::new(),
         }))
     }

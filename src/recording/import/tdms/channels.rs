@@ -18,7 +18,7 @@ pub(super) fn signals(
     mut skipped: Vec<String>,
     time: Option<&str>,
     find_time: bool,
-    unit: TimeUnit,
+    unit: Option<TimeUnit>,
 ) -> Result<Groups, ImportError> {
     let mut groups: Vec<String> = Vec::new();
     let mut channels: Vec<Object> = Vec::new();
@@ -156,7 +156,7 @@ fn has_step(stamps: &Stamps, step_ns: f64) -> bool {
         .is_none_or(|middle| (*middle as f64 - step_ns).abs() <= resolution_ns.max(1e-3 * step_ns))
 }
 
-fn stamps_of(object: Object, unit: TimeUnit) -> Result<Stamps, ImportError> {
+fn stamps_of(object: Object, unit: Option<TimeUnit>) -> Result<Stamps, ImportError> {
     if object.stamps.is_empty() {
         return stamp::from_numbers(&object.named(), &object.values, unit);
     }
@@ -164,6 +164,7 @@ fn stamps_of(object: Object, unit: TimeUnit) -> Result<Stamps, ImportError> {
         nanos: object.stamps,
         absolute: true,
         resolution_ns: 1,
+        says_unit: true,
         lines: Vec::new(),
     })
 }

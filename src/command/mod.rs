@@ -48,7 +48,6 @@ mod rod_flags;
 pub mod run;
 pub mod send;
 mod sensor;
-mod sensors;
 pub mod serve;
 mod setup;
 pub mod simulate;

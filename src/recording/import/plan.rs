@@ -295,6 +295,7 @@ mod tests {
                 fs_hz: Some(fs_hz),
             },
             temperature: None,
+            beside: None,
         }
     }
 

@@ -9,7 +9,7 @@ use divan::Bencher;
 use divan::counter::ItemsCount;
 use std::io::Cursor;
 use tirante::analysis::signal::record::{
-    Channel, Cut, Event, RecordSettings, RodChannels, RodId, TimeSource, Timestamp, Unit,
+    Channel, Cut, RecordSettings, RodChannels, RodId, TimeSource, Timestamp, Unit,
 };
 use tirante::recording::read::{Options, Recording};
 use tirante::recording::write::{
@@ -75,6 +75,7 @@ fn read(bytes: &[u8], field: &str) -> usize {
             fs_hz: Some(FS),
         },
         temperature: None,
+        beside: None,
     }];
     let settings = RecordSettings {
         cut: Cut::Window { length_s: 60.0 },
@@ -82,12 +83,7 @@ fn read(bytes: &[u8], field: &str) -> usize {
     };
     let input = Cursor::new(bytes.to_vec());
     let recording = Recording::new("bench", input, &rods, &settings, Options::default()).unwrap();
-    recording
-        .map(|event| match event {
-            Event::Record(record) => record.samples.len(),
-            Event::Rejected { .. } | Event::Readings { .. } => 0,
-        })
-        .sum()
+    recording.map(|event| event.samples()).sum()
 }
 
 fn measure(bencher: Bencher<'_, '_>, bytes: &[u8], field: &str, count: usize) {

@@ -18,6 +18,7 @@ fn rod(field: &str, time: TimeSource) -> RodChannels {
         rod: RodId(field.into()),
         displacement: channel(field, Some(200.0)),
         temperature: Some(Channel { unit: Unit::Celsius, ..channel("value", None) }),
+        beside: None,
     }
 }
 
@@ -58,6 +59,7 @@ fuzz_target!(init: {
             Event::Readings { readings, .. } => {
                 assert!(readings.iter().all(|reading| reading.celsius.is_finite()));
             }
+            Event::Moment(_) => unreachable!("every rod has one sensor"),
         }
     }
     let summary = recording.summary();

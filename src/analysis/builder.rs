@@ -200,6 +200,7 @@ impl Rod {
             peaks: PeakSettings::default(),
             modes: self.modes,
             tests: Vec::new(),
+            sensors: Vec::new(),
             abc: self.abc,
             model: ModelSettings::Reduced,
             seed: self.seed,

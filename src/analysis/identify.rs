@@ -2,7 +2,7 @@
 
 mod array;
 
-pub use array::{ArrayResult, Sensed};
+pub use array::{ArrayResult, Joint, LeftOut, Sensed, Sensor, Sensors};
 
 use crate::inference::joint::Datum;
 use crate::inference::{
@@ -39,6 +39,8 @@ pub struct AnalysisSettings {
     pub modes: ModeSettings,
     /// Tests of the rod: their information about everything but the force applies to every record.
     pub tests: Vec<RodTest>,
+    /// Its sensors, where it has several; empty otherwise.
+    pub sensors: Vec<Sensor>,
     /// Settings of the inference of the force.
     pub abc: AbcSettings,
     /// Forward model of the natural frequencies.
@@ -103,6 +105,8 @@ pub struct Identification {
     pub hangs_on: Option<VarianceShares>,
     /// Effect of the rod's tests on the posterior; `None` without tests.
     pub tested: Option<Tested>,
+    /// What it owes to several sensors; `None` for a rod with one.
+    pub joint: Option<Joint>,
 }
 
 /// The record behind an identification.
@@ -333,10 +337,12 @@ impl Plan {
         let start = found.measurement.as_ref().map(|measurement| measurement.start);
         let modes = found.modes.clone();
         let seed = self.seed_of(&identity_of(&modes));
+        let ratios = found.joint.as_ref().map_or(&[][..], |joint| &joint.ratios);
         Ok(Identification {
             measurement: found.measurement.clone(),
             labels: found.labels.clone(),
-            ..self.infer(start, modes, data, seed)?
+            joint: found.joint.clone(),
+            ..self.infer_beside(start, modes, ratios, data, seed)?
         })
     }
 
@@ -394,6 +400,7 @@ impl Plan {
             posterior,
             conflict,
             tested,
+            joint: None,
         })
     }
 

@@ -1,7 +1,7 @@
 //! Result of one record: a force, or a reason why there is none.
 
 use crate::findings::Doubt;
-use crate::identify::{Identification, Measurement, Plan};
+use crate::identify::{Identification, Joint, LeftOut, Measurement, Plan, Sensors};
 use crate::inference::Conflict;
 use crate::signal::modes::{Labels, Mode};
 use crate::signal::record::{Envelope, Reading, Rejection, RodId, Timestamp};
@@ -80,6 +80,8 @@ pub struct Rejected {
     pub labels: Option<Labels>,
     /// Envelope of its samples for drawing, if it was refused before there was a spectrum.
     pub waveform: Option<Envelope>,
+    /// Sensors of the moment; `None` for a rod with one.
+    pub sensors: Option<Sensors>,
 }
 
 impl Outcome {
@@ -159,10 +161,35 @@ impl Outcome {
         }
     }
 
-    /// Root mean square of the samples, SI, of a record that gave frequencies.
+    /// Sensors of the moment; `None` for a rod with one.
+    pub fn sensors(&self) -> Option<&Sensors> {
+        match self {
+            Self::Identified(identification) => identification.joint.as_ref().map(|joint| &joint.sensors),
+            Self::Tabulated(_) => None,
+            Self::Rejected(rejected) => rejected.sensors.as_ref(),
+        }
+    }
+
+    /// The outcome with the sensors of its moment, if it is a refusal: an identification has its own.
+    #[must_use]
+    pub fn with_sensors(mut self, sensors: Option<Sensors>) -> Self {
+        if let Self::Rejected(rejected) = &mut self {
+            rejected.sensors = sensors;
+        }
+        self
+    }
+
+    /// Root mean square of the samples of a record that gave frequencies, SI of the unit of the rod's first sensor; `None` if another
+    /// one leads.
     pub fn rms(&self) -> Option<f64> {
         match self {
-            Self::Identified(identification) => identification.measurement.as_ref().map(|m| m.rms),
+            Self::Identified(identification) => {
+                let measurement = identification.measurement.as_ref();
+                let is_other = |joint: &Joint| joint.lead > 0;
+                measurement
+                    .map(|measurement| measurement.rms)
+                    .filter(|_| !identification.joint.as_ref().is_some_and(is_other))
+            }
             Self::Tabulated(row) => row.rms,
             Self::Rejected(_) => None,
         }
@@ -173,6 +200,10 @@ impl Outcome {
         match self {
             Self::Identified(identification) => Observation::of(identification).map(Input::Identified),
             Self::Tabulated(row) => Some(Input::Identified(row.observation())),
+            // The rod's other sensors have moments of their own.
+            Self::Rejected(rejected) if rejected.sensors.as_ref().is_some_and(Sensors::is_of_one) => {
+                Some(Input::Readings(rejected.readings.clone()))
+            }
             Self::Rejected(rejected) => Some(Input::Rejected {
                 start: rejected.start,
                 reason: rejected.rejection.to_string(),
@@ -225,6 +256,7 @@ impl Rejected {
             measurement: None,
             labels: None,
             waveform: None,
+            sensors: None,
         }
     }
 
@@ -236,6 +268,11 @@ impl Rejected {
         hash.update(self.start.map_or(i64::MIN, Timestamp::as_nanos).to_le_bytes());
         hash.update(self.duration_s.unwrap_or(-1.0).to_bits().to_le_bytes());
         hash.update(self.rejection.code().as_bytes());
+        // Several sensors may be refused alike at one time, each by itself.
+        for LeftOut { sensor, .. } in self.sensors.iter().flat_map(|sensors| &sensors.left_out) {
+            hash.update([0]);
+            hash.update(sensor.as_bytes());
+        }
         hash.finalize().into()
     }
 }

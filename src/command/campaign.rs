@@ -4,8 +4,9 @@
 use super::foreign;
 use super::progress::Progress;
 use super::{BadArguments, WITH_LOSSES};
+use crate::analysis::identify::{LeftOut, Sensors};
 use crate::analysis::outcome::Outcome;
-use crate::analysis::signal::record::{Rejection, RodChannels};
+use crate::analysis::signal::record::{Rejection, RodChannels, RodId, Timestamp};
 use crate::config::Config;
 use crate::recording::read::{self, Recordings, SourceError, Step, Summary};
 use crate::site::analyse::{Analysed, Known, LastSeen};
@@ -14,7 +15,7 @@ use crate::site::ordered_map::Limits;
 use crate::site::prepared::Plans;
 use crate::site::records::{Others, in_order, opener};
 use crate::site::store::Position;
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fmt::{self, Display};
 use std::io;
 use std::ops::ControlFlow;
@@ -69,6 +70,10 @@ pub struct Tally {
     files: usize,
     unreadable: usize,
     with_losses: usize,
+    /// Records that a sensor was left out of, by rod and sensor.
+    without: BTreeMap<(RodId, String), usize>,
+    /// Sensors that each rod's latest record left out.
+    out_now: BTreeMap<RodId, BTreeSet<String>>,
 }
 
 impl Tally {
@@ -76,7 +81,11 @@ impl Tally {
     fn exit_code(&self) -> ExitCode {
         if self.broken > 0 || (self.files > 0 && self.unreadable == self.files) {
             ExitCode::FAILURE
-        } else if !self.rejected.is_empty() || self.unreadable > 0 || self.with_losses > 0 {
+        } else if !self.rejected.is_empty()
+            || self.unreadable > 0
+            || self.with_losses > 0
+            || !self.without.is_empty()
+        {
             ExitCode::from(WITH_LOSSES)
         } else {
             ExitCode::SUCCESS
@@ -121,6 +130,9 @@ impl Display for Tally {
         }
         if self.with_losses > 0 {
             write!(f, ", {} with lost data", counted(self.with_losses, "file"))?;
+        }
+        for ((rod, sensor), count) in &self.without {
+            write!(f, ", {} of rod {rod} without {sensor}", counted(*count, "record"))?;
         }
         Ok(())
     }
@@ -304,6 +316,9 @@ impl<F: OnEvent> Delivery<'_, F> {
 impl Tally {
     /// Counts a new record.
     pub fn count(&mut self, outcome: &Outcome, bar: &Progress) {
+        if let Some(sensors) = outcome.sensors() {
+            self.leave_out(outcome.rod(), outcome.start(), sensors, bar);
+        }
         match outcome {
             Outcome::Identified(_) | Outcome::Tabulated(_) => self.identified += 1,
             Outcome::Rejected(rejected) if matches!(rejected.rejection, Rejection::Broken { .. }) => {
@@ -314,6 +329,22 @@ impl Tally {
                 *self.rejected.entry(rejected.rejection.code()).or_default() += 1;
             }
         }
+    }
+
+    /// Counts the sensors that a record leaves out; one that the rod's record before had is told.
+    fn leave_out(&mut self, rod: &RodId, start: Option<Timestamp>, sensors: &Sensors, bar: &Progress) {
+        let before = self.out_now.remove(rod).unwrap_or_default();
+        for LeftOut { sensor, why } in &sensors.left_out {
+            *self.without.entry((rod.clone(), sensor.clone())).or_default() += 1;
+            if !before.contains(sensor) {
+                let from = start.map_or_else(String::new, |start| format!(", from {start} on"));
+                bar.say(&format!(
+                    "warning: rod {rod}{from}: sensor {sensor} left out: {why}"
+                ));
+            }
+        }
+        let out = sensors.left_out.iter().map(|out| out.sensor.clone());
+        self.out_now.insert(rod.clone(), out.collect());
     }
 
     /// True if an event was lost: nothing is known of it.

@@ -1,6 +1,6 @@
 //! `tirante check`: reports every fault of a configuration at once, or prints the effective one.
 
-use crate::config::{Config, ConfigError, Setting};
+use crate::config::{Config, ConfigError, RodConfig, Setting};
 use crate::site::baselines::{self, Prospect};
 use crate::site::store::Reader;
 use std::path::{Path, PathBuf};
@@ -47,11 +47,30 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 return against(&config, store, args.quiet);
             }
             if !args.quiet {
+                for rod in &config.rods {
+                    name_sensors(rod);
+                }
                 return super::print(config.effective().as_bytes());
             }
             Ok(ExitCode::SUCCESS)
         }
         Err(error) => Ok(refuse(&error)),
+    }
+}
+
+/// Names the sensors that a rod with several expects, on stderr.
+fn name_sensors(rod: &RodConfig) {
+    let sensors = rod.analysis.sensors.iter();
+    let named: Vec<String> = sensors
+        .map(|sensor| format!("{} at {} l", sensor.name, sensor.at))
+        .collect();
+    if let (Some(beside), id) = (&rod.channels.beside, &rod.analysis.rod) {
+        tell!(
+            "rod {id}: {} sensors, identified jointly: {}; one is waited for up to {} h (track.reorder_window_h)",
+            named.len(),
+            named.join(", "),
+            beside.wait_s / 3600.0
+        );
     }
 }
 

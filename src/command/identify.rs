@@ -6,7 +6,6 @@ use super::findings;
 use super::foreign::Foreign;
 use super::listing::folded;
 use super::progress::Progress;
-use super::sensors;
 use super::setup::{self, Setup};
 use super::sketch::{self, When};
 use super::tests_of_rod::{self, TestFlags, Tests};
@@ -178,33 +177,6 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
             .ok_or_else(|| anyhow!("the rod {rod} has no plan"))?;
         tests_of(args, &config, &plans, plan)?
     };
-    if let [rod] = &config.rods[..]
-        && !rod.sensors.is_empty()
-    {
-        let id = &rod.analysis.rod;
-        let plan = plans.get(id).ok_or_else(|| anyhow!("the rod {id} has no plan"))?;
-        let data = tests.as_ref().map_or(&[][..], |tests| &tests.data);
-        let found = sensors::identify(path, &config, rod, plan, &others, data)?;
-        let mut forces = 0;
-        for outcome in &found.outcomes {
-            forces += usize::from(matches!(outcome, Outcome::Identified(_)));
-            keep_draws(args, outcome, forces)?;
-            show(args, &config, &plans, outcome)?;
-        }
-        let is_good = |outcome: &Outcome| matches!(outcome, Outcome::Identified(_));
-        let all_good = !found.has_losses && found.outcomes.iter().all(is_good);
-        return Ok(match all_good {
-            true => ExitCode::SUCCESS,
-            false => ExitCode::from(WITH_LOSSES),
-        });
-    }
-    for rod in config.rods.iter().filter(|rod| !rod.sensors.is_empty()) {
-        let id = &rod.analysis.rod;
-        tell!(
-            "{id}: {} sensors, of which only that of [rod.channel] is used: --rod {id} identifies all of them jointly",
-            rod.sensors.len()
-        );
-    }
     let (mut forces, mut refused_with_tests) = (0, false);
     let on_event = |analysed: &Analysed, _: Option<Position<'_>>, _: Option<[u8; 32]>, bar: &Progress| {
         if let Analysed::Record(outcome) = analysed {
@@ -320,6 +292,7 @@ fn with_tests(outcome: &Outcome, plans: &Plans, tests: &Tests) -> Option<Outcome
                 measurement: measurement.cloned().map(Box::new),
                 labels: found.labels.clone(),
                 waveform: None,
+                sensors: found.joint.as_ref().map(|joint| joint.sensors.clone()),
             }))
         }
     })

@@ -49,7 +49,6 @@ pub mod run;
 mod sections;
 pub mod send;
 mod sensor;
-mod sensors;
 pub mod serve;
 mod setup;
 pub mod simulate;

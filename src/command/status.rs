@@ -173,6 +173,9 @@ fn table(rows: &[RodStatus], now: Timestamp) -> String {
             counted(row.records, "record"),
             row.rejected_share() * 100.0
         ));
+        for out in row.sensors.iter().flat_map(|sensors| &sensors.left_out) {
+            table.note(format!("sensor {} left out of it: {}", out.sensor, out.why));
+        }
         if row.records_ahead > 0 {
             table.note(format!(
                 "{} dated after that by a wrong clock",

@@ -46,7 +46,6 @@ pub use fault::{ConfigError, Fault};
 #[cfg(feature = "daemon")]
 pub use hub::HubConfig;
 pub use rod::rod_id;
-pub use sensor::Sensor;
 pub use setting::Setting;
 pub use simulation::SimulationConfig;
 pub use suggestion::nearest;
@@ -132,8 +131,6 @@ pub struct RodConfig {
     pub analysis: AnalysisSettings,
     /// Location of its samples in a recording.
     pub channels: RodChannels,
-    /// All of its sensors, that of the channels first, where it has several; empty otherwise.
-    pub sensors: Vec<Sensor>,
 }
 
 impl Config {
@@ -216,6 +213,7 @@ impl Config {
             abc,
             model,
             seed,
+            wait_s: track.reorder_window_s,
         };
         let rods = rod::read_all(root, &shared);
         emulator::check_chaos(root, model, &rods);
@@ -277,11 +275,8 @@ impl Config {
 
     /// True if a rod reads this topic.
     pub fn reads(&self, topic: &str) -> bool {
-        self.rods.iter().any(|rod| {
-            let channels = &rod.channels;
-            let mut thermometer = channels.temperature.iter();
-            channels.displacement.topic == topic || thermometer.any(|channel| channel.topic == topic)
-        })
+        let mut channels = self.rods.iter().flat_map(|rod| rod.channels.all());
+        channels.any(|channel| channel.topic == topic)
     }
 
     /// The configuration with every default filled in, as commented TOML that reads back equal.
@@ -342,7 +337,9 @@ impl Config {
             _ => false,
         });
         for section in &mut sections {
-            // Further sensors are read by `identify` alone.
+            // Tracking follows frequencies, and those of one mode are the same at every place of the rod: a sensor that is added, lost
+            // or moved changes their errors, which every record tells, and the amplitude ratios, which move the absolute posterior
+            // alone. The baseline stays; each row names its sensors.
             section.children.retain(|child| child.name() != "rod.sensor");
             // The topic and the path to the values change no number. All frequencies follow the rate, and so the clock that it is
             // counted by; of a thermometer these say no more than which readings are near a record.

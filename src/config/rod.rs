@@ -23,6 +23,8 @@ pub(super) struct Shared {
     pub(super) abc: AbcSettings,
     pub(super) model: ModelSettings,
     pub(super) seed: u64,
+    /// Furthest that a sensor of a rod is waited for \[s\].
+    pub(super) wait_s: f64,
 }
 
 /// Default of the relative model discrepancy.
@@ -44,13 +46,8 @@ pub(super) fn read_all(root: &mut Table<'_>, shared: &Shared) -> Vec<Option<RodC
                 }
                 None => ids.push((id.clone(), line)),
             }
-            let own = std::iter::once(("channel", &rod.channels.displacement));
-            let further = rod
-                .sensors
-                .iter()
-                .skip(1)
-                .map(|sensor| ("sensor", &sensor.channel));
-            for (at, channel) in own.chain(further) {
+            let keys = std::iter::once("channel").chain(std::iter::repeat("sensor"));
+            for (at, channel) in keys.zip(rod.channels.sensors()) {
                 let place = (channel.topic.clone(), channel.field.clone());
                 match channels
                     .iter()
@@ -167,26 +164,21 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
         None => None,
     };
     let displacement = displacement?;
-    let sensors = match (at, further.is_empty()) {
-        (Some(at), false) => {
-            let first = sensor::Sensor {
-                channel: displacement.clone(),
-                at,
-                at_sd_m,
-                gain_sd,
-            };
-            std::iter::once(Some(first))
-                .chain(further)
-                .collect::<Option<_>>()?
+    let further = further.into_iter().collect::<Option<Vec<_>>>()?;
+    let (sensors, beside) = match at {
+        Some(at) if !further.is_empty() => {
+            let (sensors, beside) =
+                sensor::all(&displacement, (at, at_sd_m, gain_sd), further, shared.wait_s);
+            (sensors, Some(beside))
         }
-        _ => Vec::new(),
+        _ => (Vec::new(), None),
     };
     Some(RodConfig {
-        sensors,
         analysis: AnalysisSettings {
             rod: id.clone(),
             prior,
             tests: tests.into_iter().collect::<Option<Vec<_>>>()?,
+            sensors,
             discrepancy: discrepancy?,
             welch: shared.welch,
             peaks: shared.peaks,
@@ -199,6 +191,7 @@ fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {
             rod: id,
             displacement,
             temperature,
+            beside,
         },
     })
 }

@@ -3,36 +3,54 @@
 use super::channel;
 use super::range::Range;
 use super::reader::{Absent, Table, key};
-use crate::analysis::signal::record::{Channel, RodChannels, RodId, Unit};
+use crate::analysis::identify::Sensor;
+use crate::analysis::signal::record::{Beside, Channel, Unit};
 
 /// Default of the relative standard error of a sensor's calibration.
 const GAIN_ERROR: f64 = 0.01;
 /// Default of the standard error of a sensor's place \[m\]: a tape measure's.
 const PLACE_ERROR_M: f64 = 0.01;
 
-/// A sensor of a rod.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Sensor {
-    /// Location of its samples in a recording.
-    pub channel: Channel,
+/// A further sensor as written.
+pub(super) struct Further {
+    pub(super) channel: Channel,
     /// Its place, as a share of the length.
-    pub at: f64,
+    at: f64,
     /// Standard error of its place \[m\].
-    pub at_sd_m: f64,
+    at_sd_m: f64,
     /// Relative standard error of its calibration \[-\].
-    pub gain_sd: f64,
+    gain_sd: f64,
 }
 
-impl Sensor {
-    /// Its channel as that of a rod of its own, by which its samples are read.
-    pub fn as_rod(&self, rod: &RodId, number: usize) -> RodChannels {
-        RodChannels {
-            // No id of a rod has such a character.
-            rod: RodId(format!("{rod}#{number}")),
-            displacement: self.channel.clone(),
-            temperature: None,
+/// All sensors of a rod for its analysis, that of `[rod.channel]` first, with its place and errors; and the channels of the further ones.
+pub(super) fn all(
+    first: &Channel,
+    (at, at_sd_m, gain_sd): (f64, f64, f64),
+    further: Vec<Further>,
+    wait_s: f64,
+) -> (Vec<Sensor>, Beside) {
+    let named = |channel: &Channel, (at, at_sd_m, gain_sd): (f64, f64, f64)| {
+        let others = std::iter::once(first).chain(further.iter().map(|further| &further.channel));
+        let is_topic_shared = others.filter(|other| other.topic == channel.topic).count() > 1;
+        Sensor {
+            name: match is_topic_shared {
+                true => format!("{} {}", channel.topic, channel.field),
+                false => channel.topic.clone(),
+            },
+            at,
+            at_sd_m,
+            unit: channel.unit,
+            gain_sd,
         }
-    }
+    };
+    let mut sensors = vec![named(first, (at, at_sd_m, gain_sd))];
+    sensors.extend(
+        further
+            .iter()
+            .map(|own| named(&own.channel, (own.at, own.at_sd_m, own.gain_sd))),
+    );
+    let channels = further.into_iter().map(|further| further.channel).collect();
+    (sensors, Beside { channels, wait_s })
 }
 
 /// Place of the sensor of `[rod.channel]`, wanted where there are others, with its standard error \[m\], and error of the calibration.
@@ -61,7 +79,7 @@ pub(super) fn of_channel(table: &mut Table<'_>, has_others: bool) -> (Option<f64
 }
 
 /// Reads the further sensors of a rod; `None` in the place of one with a fault.
-pub(super) fn read_all(table: &mut Table<'_>) -> Vec<Option<Sensor>> {
+pub(super) fn read_all(table: &mut Table<'_>) -> Vec<Option<Further>> {
     table.list(
         "sensor",
         "A further sensor of the rod, on the same clock and at the same rate.",
@@ -84,7 +102,7 @@ pub(super) fn read_all(table: &mut Table<'_>) -> Vec<Option<Sensor>> {
                 );
                 return None;
             }
-            Some(Sensor {
+            Some(Further {
                 channel,
                 at,
                 at_sd_m,

@@ -1,6 +1,6 @@
 //! Analyses an event of a source: the same for a replay and for the daemon.
 
-use crate::analysis::identify::{Plan, Refusal};
+use crate::analysis::identify::{Identification, Plan, Refusal};
 use crate::analysis::outcome::{Outcome, Rejected};
 use crate::analysis::signal::record::{Envelope, Reading, Record, Rejection, RodId};
 use crate::recording::read::Event;
@@ -79,57 +79,89 @@ pub fn refused(record: Record, identity: [u8; 32], refusal: Refusal) -> Outcome 
         rejection: refusal.rejection,
         measurement: refusal.measurement,
         labels: refusal.labels,
+        sensors: None,
     }))
 }
 
-/// Runs an event's record through its rod's plan, unless it is one of `known`. A panic of the analysis is a
+/// The record by which an event is known already.
+pub fn known_by(event: &Event, known: &Known) -> Option<[u8; 32]> {
+    let known = known.get(event.rod())?;
+    let is_known = |record: &Record| Some(record.identity()).filter(|identity| known.contains(identity));
+    match event {
+        Event::Record(record) => is_known(record),
+        // A moment is kept under the record that led.
+        Event::Moment(moment) => moment.records().find_map(|(_, record)| is_known(record)),
+        Event::Rejected { .. } | Event::Readings { .. } => None,
+    }
+}
+
+/// Runs an event's record or moment through its rod's plan, unless it is one of `known`. A panic of the analysis is a
 /// rejection like any other: every record ends as a force or as a reason.
 pub fn analyse(event: Event, plans: &BTreeMap<RodId, Plan>, known: &Known) -> Analysed {
-    let record = match event {
-        Event::Rejected {
-            rod,
-            start,
-            duration_s,
-            fs_hz,
-            waveform,
-            rejection,
-        } => {
-            let rejected = Rejected {
-                rod,
-                start,
-                duration_s: Some(duration_s),
-                fs_hz,
-                identity: None,
-                readings: Vec::new(),
-                rejection,
-                measurement: None,
-                labels: None,
-                waveform,
-            };
-            return Analysed::Record(Box::new(Outcome::Rejected(Box::new(rejected))));
-        }
-        Event::Readings { rod, readings } => return Analysed::Readings(rod, readings),
-        Event::Record(record) => record,
-    };
-    let identity = record.identity();
-    if known
-        .get(&record.rod)
-        .is_some_and(|known| known.contains(&identity))
-    {
-        return Analysed::Known(record.rod, identity);
+    if let Some(identity) = known_by(&event, known) {
+        return Analysed::Known(event.rod().clone(), identity);
     }
     // The reader only cuts records of rods of the same configuration the plans were made from.
-    let Some(plan) = plans.get(&record.rod) else {
-        unreachable!("the rod {} has channels but no plan", record.rod)
+    let plan = |rod: &RodId| match plans.get(rod) {
+        Some(plan) => plan,
+        None => unreachable!("the rod {rod} has channels but no plan"),
     };
-    // The plan is only borrowed: nothing shared is left half-changed.
-    let outcome = match catch_unwind(AssertUnwindSafe(|| plan.run(&record))) {
-        Ok(Ok(identification)) => Outcome::Identified(Box::new(identification)),
-        Ok(Err(refusal)) => refused(record, identity, refusal),
-        Err(panic) => {
-            let detail = message_of(&*panic);
-            refused(record, identity, Rejection::Broken { detail }.into())
+    let (found, sensors) = match &event {
+        Event::Rejected { .. } | Event::Readings { .. } => (None, None),
+        Event::Record(record) => (Some(caught(|| plan(&record.rod).run(record))), None),
+        Event::Moment(moment) if event.record().is_none() => {
+            (None, Some(plan(&moment.rod).sensors_without_record(moment)))
+        }
+        Event::Moment(moment) => {
+            let mut sensors = None;
+            let found = caught(|| {
+                let (found, named) = plan(&moment.rod).run_moment(moment);
+                sensors = Some(named);
+                found
+            });
+            (Some(found), sensors)
         }
     };
-    Analysed::Record(Box::new(outcome))
+    let outcome = match (event.into_first(), found) {
+        (_, Some(Ok(identification))) => Outcome::Identified(Box::new(identification)),
+        (Event::Record(record), Some(Err(refusal))) => {
+            let identity = record.identity();
+            refused(record, identity, refusal)
+        }
+        (Event::Readings { rod, readings }, _) => return Analysed::Readings(rod, readings),
+        (
+            Event::Rejected {
+                rod,
+                start,
+                duration_s,
+                fs_hz,
+                waveform,
+                rejection,
+            },
+            _,
+        ) => Outcome::Rejected(Box::new(Rejected {
+            rod,
+            start,
+            duration_s: Some(duration_s),
+            fs_hz,
+            identity: None,
+            readings: Vec::new(),
+            rejection,
+            measurement: None,
+            labels: None,
+            waveform,
+            sensors: None,
+        })),
+        (Event::Record(_) | Event::Moment(_), _) => unreachable!("every record is analysed"),
+    };
+    Analysed::Record(Box::new(outcome.with_sensors(sensors)))
+}
+
+/// A panic of the analysis as a refusal.
+fn caught(run: impl FnOnce() -> Result<Identification, Refusal>) -> Result<Identification, Refusal> {
+    // The plan is only borrowed: nothing shared is left half-changed.
+    catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|panic| {
+        let detail = message_of(&*panic);
+        Err(Rejection::Broken { detail }.into())
+    })
 }

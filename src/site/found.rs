@@ -186,6 +186,7 @@ impl Found {
                 measurement: refusal.measurement,
                 labels: refusal.labels,
                 waveform: Some(NO_WAVEFORM),
+                sensors: None,
             }))
         };
         let search = match &self.seen {

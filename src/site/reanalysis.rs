@@ -109,6 +109,11 @@ fn differences_of_rod(before: &RodConfig, after: &RodConfig) -> Vec<String> {
             "rod {rod}: [rod.channel] or [rod.temperature] says what is read, and differs"
         ));
     }
+    if after.channels.beside.is_some() {
+        reasons.push(format!(
+            "rod {rod}: has several sensors, and the store keeps the resonances of one"
+        ));
+    }
     if old.welch != new.welch || old.peaks != new.peaks {
         reasons.push(format!("rod {rod}: [spectrum] finds the peaks, and differs"));
     }

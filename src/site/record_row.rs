@@ -2,7 +2,7 @@
 //! of JSON.
 
 use crate::analysis::findings::{self, CERTAIN, Candidate, Doubt, Peak};
-use crate::analysis::identify::{Identification, VERSION};
+use crate::analysis::identify::{Identification, Sensors, VERSION};
 use crate::analysis::inference::{Adjustment, Marginal, Posterior, Tested, VarianceShares};
 use crate::analysis::outcome::{Outcome, Rejected, Tabulated};
 use crate::analysis::rod::beam::Quantity;
@@ -101,6 +101,13 @@ pub struct RecordRow {
     /// Remarks of the quality checks.
     #[serde(default, deserialize_with = "tolerant")]
     pub flags: Vec<Flag>,
+    /// Sensors of the moment, of a rod with several: those used, and those left out with the reason.
+    #[serde(
+        default,
+        deserialize_with = "tolerant",
+        skip_serializing_if = "Option::is_none"
+    )]
+    pub sensors: Option<Sensors>,
     /// Reason why the record was refused, if it was.
     pub rejection: Option<RejectionRow>,
     /// Seed of the record's random numbers.
@@ -263,6 +270,7 @@ impl RecordRow {
             Outcome::Tabulated(tabulated) => row.tabulated(tabulated),
             Outcome::Rejected(rejected) => row.rejected(rejected),
         }
+        row.sensors = outcome.sensors().cloned();
         if let Some(verdict) = verdict {
             row.tracked(verdict);
         }
@@ -433,6 +441,7 @@ mod tests {
             measurement: None,
             labels: None,
             waveform: None,
+            sensors: None,
         }));
         RecordRow::of(&outcome, None, "0")
     }

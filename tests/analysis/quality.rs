@@ -99,7 +99,7 @@ fn only(events: Vec<Event>) -> Result<Record, Rejection> {
     match events.into_iter().next() {
         Some(Event::Record(record)) => Ok(record),
         Some(Event::Rejected { rejection, .. }) => Err(rejection),
-        Some(Event::Readings { .. }) | None => unreachable!(),
+        _ => unreachable!(),
     }
 }
 
@@ -112,6 +112,7 @@ fn shown(events: &[Event]) -> Vec<String> {
             ..
         } => format!("{duration_s}: {rejection}"),
         Event::Readings { readings, .. } => format!("{} readings", readings.len()),
+        Event::Moment(_) => unreachable!(),
     };
     events.iter().map(one).collect()
 }

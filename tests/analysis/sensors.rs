@@ -223,14 +223,14 @@ fn frequencies_of_several_sensors_are_better_than_of_the_best() {
         let made = Synthesis::new(simulation, seed).record(0, 0).unwrap();
         let records = [record(&made.displacement), record(&made.further[0])];
         let sensed = [0, 1].map(|i| Sensed {
-            at: rod.sensors[i].at,
-            at_sd_m: rod.sensors[i].at_sd_m,
+            at: rod.analysis.sensors[i].at,
+            at_sd_m: rod.analysis.sensors[i].at_sd_m,
             unit: Unit::Metre,
             gain_sd: 0.01,
             record: &records[i],
         });
-        let alone = [0, 1].map(|i| plan.run_array(&sensed[i..=i], &[]).outcome);
-        let both = plan.run_array(&sensed, &[]).outcome.unwrap();
+        let alone = [0, 1].map(|i| plan.run_array(&sensed[i..=i]).outcome);
+        let both = plan.run_array(&sensed).outcome.unwrap();
         let [Ok(first), Ok(second)] = alone else { continue };
         used += 1;
         for mode in &both.modes {

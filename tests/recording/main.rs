@@ -10,4 +10,5 @@ mod import;
 mod mcap;
 mod mutation;
 mod packaging;
+mod sensors;
 mod simulate;

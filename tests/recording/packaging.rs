@@ -13,14 +13,14 @@ use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 use tirante::analysis::numerics::random;
-use tirante::analysis::signal::record::{Event, RodChannels, RodId};
+use tirante::analysis::signal::record::{Event, RodChannels};
 use tirante::analysis::track::ordered::Ordered;
 use tirante::config::Config;
 use tirante::recording::read::{self, Recordings, Step};
 use tirante::site::store::Reader;
 
 /// Longest wait for a daemon on a busy machine.
-const DEADLINE: Duration = Duration::from_secs(120);
+pub(super) const DEADLINE: Duration = Duration::from_secs(120);
 
 /// Four similar rods and one thermometer.
 const RODS: [&str; 4] = ["a", "b", "c", "d"];
@@ -92,7 +92,7 @@ fn recorded(records: usize, record_s: f64) -> (Site, Vec<mcap::Message<'static>>
     (site, messages)
 }
 
-fn write<'m>(
+pub(super) fn write<'m>(
     path: &Path,
     messages: impl Iterator<Item = &'m mcap::Message<'static>>,
     chunk_bytes: Option<u64>,
@@ -109,7 +109,7 @@ fn write<'m>(
 
 /// Writes the messages as files in a folder of their own: chunks of any size, cut at any messages, by topics or not, and
 /// named in any order.
-fn packaged(folder: &Path, messages: &[mcap::Message<'static>], seed: u64) -> Vec<PathBuf> {
+pub(super) fn packaged(folder: &Path, messages: &[mcap::Message<'static>], seed: u64) -> Vec<PathBuf> {
     fs::create_dir(folder).unwrap();
     let mut rng = random::stream(seed, 0);
     let chunk = |rng: &mut rand::rngs::ChaCha8Rng| match rng.random_range(0..5) {
@@ -153,7 +153,7 @@ fn packaged(folder: &Path, messages: &[mcap::Message<'static>], seed: u64) -> Ve
 }
 
 /// The events of recordings in the order a site takes them, samples to the bit.
-fn events(paths: &[PathBuf], config: &Config) -> Vec<String> {
+pub(super) fn events(paths: &[PathBuf], config: &Config) -> Vec<String> {
     let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
     let files = read::recordings(paths);
     let mut ordered = Ordered::new(config.track.reorder_window_s);
@@ -167,7 +167,7 @@ fn events(paths: &[PathBuf], config: &Config) -> Vec<String> {
             }
             Step::Event(event, place) => {
                 ordered.note(&place.reached);
-                let rod = rod_of(&event).clone();
+                let rod = event.rod().clone();
                 ordered.push(&rod, place.at, event);
                 found.extend(std::iter::from_fn(|| ordered.next_settled()));
             }
@@ -175,13 +175,6 @@ fn events(paths: &[PathBuf], config: &Config) -> Vec<String> {
     }
     found.extend(std::iter::from_fn(|| ordered.next_of_all()));
     found.iter().map(told).collect()
-}
-
-fn rod_of(event: &Event) -> &RodId {
-    match event {
-        Event::Record(record) => &record.rod,
-        Event::Rejected { rod, .. } | Event::Readings { rod, .. } => rod,
-    }
 }
 
 /// An event as a text that distinguishes any two.
@@ -201,7 +194,7 @@ fn told(event: &Event) -> String {
     }
 }
 
-fn assert_same(expected: &[String], found: &[String], what: &str) {
+pub(super) fn assert_same(expected: &[String], found: &[String], what: &str) {
     for (index, (one, other)) in expected.iter().zip(found).enumerate() {
         assert_eq!(one, other, "{what}: event {index}");
     }
@@ -280,7 +273,7 @@ fn same_rows(site: &Site, messages: &[mcap::Message<'static>], seeds: std::ops::
 }
 
 /// A daemon, ended when it is dropped.
-struct Daemon(Child);
+pub(super) struct Daemon(pub(super) Child);
 
 impl Drop for Daemon {
     fn drop(&mut self) {

@@ -459,6 +459,39 @@ fn a_rod_that_is_never_seen_is_missed() {
     );
 }
 
+/// A further sensor that never comes is a condition by name, from the fifth record on, until it is no more configured.
+#[test]
+fn a_sensor_that_never_comes_is_told() {
+    let site = daemon_site();
+    let config = fs::read_to_string(site.path("site.toml")).unwrap();
+    let second =
+        "[[rod.sensor]]\ntopic = \"/north/2\"\nfield = \"values\"\nunit = \"m\"\nfs_hz = 100.0\nat = 0.15\n";
+    let two = config
+        .replacen("\n[rod.temperature]", "\nat = 0.4\n[rod.temperature]", 1)
+        .replacen(
+            "\n[[rod]]\nid = \"south\"",
+            &format!("\n{second}\n[[rod]]\nid = \"south\""),
+            1,
+        );
+    fs::write(site.path("site.toml"), &two).unwrap();
+    site.simulate("alone", &Part::new(0, 6));
+    let mut daemon = Daemon::ready(&site);
+    daemon.expect("left-out", 1.0, "degraded");
+    assert_eq!(daemon.conditions("left-out"), 1);
+    let health = daemon.health();
+    assert_eq!(
+        health["conditions"][0]["about"], "rod north, sensor /north/2",
+        "{health}"
+    );
+    let status = text(&site.run(&["status", "--store", "site.db"]).stdout);
+    assert!(status.contains("sensor /north/2 left out"), "{status}");
+    fs::write(site.path("site.toml"), config).unwrap();
+    daemon.signal("-HUP");
+    daemon.wait("it is no more expected", |daemon| {
+        daemon.conditions("left-out") == 0
+    });
+}
+
 /// A rod that was configured by mistake and never had data leaves nothing behind.
 #[test]
 fn a_rod_that_never_was_is_forgotten() {

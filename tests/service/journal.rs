@@ -282,7 +282,7 @@ fn torn_at_any_byte_positions_and_messages_agree() {
             .map(|event| match event {
                 Event::Record(record) => record.samples.len() as f64,
                 Event::Rejected { duration_s, .. } => (duration_s * FS).round(),
-                Event::Readings { .. } => 0.0,
+                _ => 0.0,
             })
             .sum();
         assert_eq!(begins_at as f64 * 50.0, samples.max(0.0), "cut at byte {length}");

@@ -7,7 +7,8 @@ use crate::rod::prior::RodPrior;
 use crate::rod::query::{Queries, Query};
 use crate::signal::array::{Array, Ratio, Unsynchronised};
 use crate::signal::modes::Mode;
-use crate::signal::record::{Record, Rejection, Unit};
+use crate::signal::record::{Event, Moment, Record, Rejection, Timestamp, Unit};
+use serde::{Deserialize, Serialize};
 
 /// Half width of the band in which a mode of the combination is looked for, as a share of its frequency.
 const NEAR: f64 = 0.04;
@@ -17,6 +18,57 @@ const AGREE: f64 = 5.0;
 const INVERTED: f64 = 5.0;
 /// Half the distance of two places between which a ratio's slope is taken, as a share of the length.
 const SLOPE: f64 = 1e-4;
+
+/// A sensor of a rod that has several.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensor {
+    /// Name for people: its topic.
+    pub name: String,
+    /// Its place, as a share of the length.
+    pub at: f64,
+    /// Standard error of its place \[m\].
+    pub at_sd_m: f64,
+    /// Unit of its channel.
+    pub unit: Unit,
+    /// Relative standard error of its calibration \[-\].
+    pub gain_sd: f64,
+}
+
+/// Sensors of a moment, by name.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Sensors {
+    /// Those whose records were used, the leading one first.
+    pub used: Vec<String>,
+    /// Those that were left out.
+    pub left_out: Vec<LeftOut>,
+}
+
+impl Sensors {
+    /// True for a refused stretch of one sensor that is no moment of the rod.
+    pub fn is_of_one(&self) -> bool {
+        self.used.is_empty() && self.left_out.len() == 1
+    }
+}
+
+/// A sensor that was left out.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LeftOut {
+    /// Name of the sensor.
+    pub sensor: String,
+    /// Reason, for people.
+    pub why: String,
+}
+
+/// What an identification owes to several sensors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Joint {
+    /// The sensors.
+    pub sensors: Sensors,
+    /// Number of the leading sensor, from 0.
+    pub lead: usize,
+    /// Modal amplitudes of the sensors against each other.
+    pub ratios: Vec<Datum>,
+}
 
 /// One sensor's record.
 #[derive(Debug, Clone, Copy)]
@@ -38,14 +90,82 @@ pub struct Sensed<'a> {
 pub struct ArrayResult {
     /// The identification, or the reason why there is none.
     pub outcome: Result<Identification, Refusal>,
+    /// Sensors whose records were used, by index, the leading one first.
+    pub used: Vec<usize>,
     /// Sensors that were left out, by index, with the reason.
     pub left_out: Vec<(usize, String)>,
+    /// Modal amplitudes of the sensors against each other, which are data of the outcome.
+    pub ratios: Vec<Datum>,
+}
+
+/// Reasons for the sensors of a moment that gave no record.
+fn without_record(moment: &Moment) -> Vec<(usize, String)> {
+    let refused = moment.seen.iter().filter_map(|(sensor, event)| match event {
+        Event::Rejected { rejection, .. } => Some((*sensor, rejection.to_string())),
+        _ => None,
+    });
+    let nothing = "no record that belongs to this moment";
+    let absent = moment.absent.iter().map(|sensor| (*sensor, nothing.to_owned()));
+    refused.chain(absent).collect()
 }
 
 impl Plan {
-    /// Analyses records of one moment, of one sensor each, together with `data` of that moment. The first that shows numbered modes
+    /// Analyses a moment of a rod with several sensors; names those that its outcome comes from.
+    pub fn run_moment(&self, moment: &Moment) -> (Result<Identification, Refusal>, Sensors) {
+        let (mut numbers, mut sensed) = (Vec::new(), Vec::new());
+        for (number, record) in moment.records() {
+            if let Some(sensor) = self.settings.sensors.get(number) {
+                numbers.push(number);
+                sensed.push(Sensed {
+                    at: sensor.at,
+                    at_sd_m: sensor.at_sd_m,
+                    unit: sensor.unit,
+                    gain_sd: sensor.gain_sd,
+                    record,
+                });
+            }
+        }
+        let found = self.run_array(&sensed);
+        let used: Vec<usize> = found.used.into_iter().map(|i| numbers[i]).collect();
+        let refused = found.left_out.into_iter().map(|(i, why)| (numbers[i], why));
+        let sensors = self.named(&used, refused.chain(without_record(moment)).collect());
+        let joint = |lead: usize| Joint {
+            sensors: sensors.clone(),
+            lead,
+            ratios: found.ratios,
+        };
+        let outcome = found.outcome.map(|identification| Identification {
+            joint: used.first().copied().map(joint),
+            ..identification
+        });
+        (outcome, sensors)
+    }
+
+    /// Sensors of a moment that has no record.
+    pub fn sensors_without_record(&self, moment: &Moment) -> Sensors {
+        self.named(&[], without_record(moment))
+    }
+
+    /// Sensors by name, those left out in their order.
+    fn named(&self, used: &[usize], mut left_out: Vec<(usize, String)>) -> Sensors {
+        let name = |number: usize| {
+            let sensor = self.settings.sensors.get(number);
+            sensor.map_or_else(String::new, |sensor| sensor.name.clone())
+        };
+        left_out.sort_by_key(|(number, _)| *number);
+        let left_out = left_out.into_iter().map(|(number, why)| LeftOut {
+            sensor: name(number),
+            why,
+        });
+        Sensors {
+            used: used.iter().map(|&number| name(number)).collect(),
+            left_out: left_out.collect(),
+        }
+    }
+
+    /// Analyses records of one moment, of one sensor each. The first that shows numbered modes
     /// leads, a displacement before a strain; others are left out where they cannot be put beside it.
-    pub fn run_array(&self, sensed: &[Sensed<'_>], data: &[Datum]) -> ArrayResult {
+    pub fn run_array(&self, sensed: &[Sensed<'_>]) -> ArrayResult {
         let mut left_out = Vec::new();
         let mut lead = None;
         let mut first_refusal = None;
@@ -77,7 +197,9 @@ impl Plan {
             };
             return ArrayResult {
                 outcome: Err(first_refusal.unwrap_or_else(|| nothing().into())),
+                used: Vec::new(),
                 left_out,
+                ratios: Vec::new(),
             };
         };
         // The lead first; those that lead to nothing by themselves may still help where the lead knows the modes.
@@ -92,16 +214,13 @@ impl Plan {
             }
         }
         let sensors: Vec<Sensed<'_>> = order.iter().map(|&i| sensed[i]).collect();
-        let measured = data_of(&sensors, &ratios, &self.settings.prior);
-        let shapes: Vec<SensorRatio> = measured.iter().filter_map(SensorRatio::of).collect();
-        let all = [measured, data.to_vec()].concat();
+        let ratios = data_of(&sensors, &ratios, &self.settings.prior);
         let seed = self.seed_of(&record.identity());
         let measurement = Measurement::new(record, record.identity(), estimate.evidence);
-        let outcome = match self.infer(Some(record.start), modes, &all, seed) {
+        let outcome = match self.infer_beside(Some(record.start), modes, &ratios, &[], seed) {
             Ok(found) => Ok(Identification {
                 measurement: Some(measurement),
                 labels: Some(estimate.labels),
-                tested: found.tested.map(|tested| Tested { shapes, ..tested }),
                 ..found
             }),
             Err(rejection) => Err(Refusal {
@@ -110,7 +229,29 @@ impl Plan {
                 labels: Some(estimate.labels),
             }),
         };
-        ArrayResult { outcome, left_out }
+        ArrayResult {
+            outcome,
+            used: order,
+            left_out,
+            ratios,
+        }
+    }
+
+    /// Posterior of a moment's frequencies, jointly with amplitude ratios between its sensors and other data.
+    pub(super) fn infer_beside(
+        &self,
+        start: Option<Timestamp>,
+        modes: Vec<Mode>,
+        ratios: &[Datum],
+        data: &[Datum],
+        seed: u64,
+    ) -> Result<Identification, Rejection> {
+        let found = self.infer(start, modes, &[ratios, data].concat(), seed)?;
+        let shapes = ratios.iter().filter_map(SensorRatio::of).collect();
+        Ok(Identification {
+            tested: found.tested.map(|tested| Tested { shapes, ..tested }),
+            ..found
+        })
     }
 
     /// Frequencies of the combinations, and amplitude ratios between the sensors of `order`, of which those that cannot be compared are

@@ -307,36 +307,6 @@ impl Array {
     }
 }
 
-/// Records of several sensors (one list each) by moments, in time order: at most one of each sensor, with the sensor's index. Records are
-/// of one moment if they have half of the shorter in common.
-pub fn moments(records: Vec<Vec<Record>>) -> Vec<Vec<(usize, Record)>> {
-    let mut moments: Vec<Vec<(usize, Record)>> = Vec::new();
-    for (sensor, own) in records.into_iter().enumerate() {
-        for record in own {
-            let is_free =
-                |moment: &&mut Vec<(usize, Record)>| moment.iter().all(|(other, _)| *other != sensor);
-            let of_its_time = moments.iter_mut().filter(is_free).find(|moment| {
-                moment
-                    .first()
-                    .is_some_and(|(_, first)| common(first, &record) >= COMMON)
-            });
-            match of_its_time {
-                Some(moment) => moment.push((sensor, record)),
-                None => moments.push(vec![(sensor, record)]),
-            }
-        }
-    }
-    moments.sort_by_key(|moment| moment.iter().map(|(_, record)| record.start).min());
-    moments
-}
-
-/// Common part of two records, as a share of the shorter.
-fn common(a: &Record, b: &Record) -> f64 {
-    let after = b.start.seconds_since(a.start);
-    let (first, second) = (a.duration_s(), b.duration_s());
-    ((after + second).min(first) - after.max(0.0)) / first.min(second)
-}
-
 /// Samples of the first before the other's first, and the rest of its time \[s\].
 fn shift(first: &Record, other: &Record) -> Result<(i64, f64), Unsynchronised> {
     if (other.fs_hz / first.fs_hz - 1.0).abs() > SAME_RATE {
@@ -689,22 +659,6 @@ mod tests {
         };
         let (array, _) = Array::new(&[(&a, 0), (&between, 0)]);
         assert!(array.sensors[1].delay_s > 0.0019);
-    }
-
-    #[test]
-    fn records_are_grouped_by_their_time_and_a_sensor_that_died_is_missed() {
-        let [a, b] = decays(1, 0.05);
-        let later = |record: &Record, seconds: i64| Record {
-            start: Timestamp::from_nanos(seconds * 1_000_000_000),
-            ..record.clone()
-        };
-        let first = vec![a.clone(), later(&a, 100), later(&a, 300)];
-        let second = vec![later(&b, 1), later(&b, 200), later(&b, 299)];
-        let found: Vec<Vec<usize>> = moments(vec![first, second])
-            .into_iter()
-            .map(|moment| moment.into_iter().map(|(sensor, _)| sensor).collect())
-            .collect();
-        assert_eq!(found, [vec![0, 1], vec![0], vec![1], vec![0, 1]]);
     }
 
     #[test]

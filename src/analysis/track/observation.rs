@@ -37,7 +37,7 @@ pub struct Observation {
     pub modes: Vec<LogMode>,
     /// Temperature readings since the rod's previous record, its own included, ascending in time.
     pub readings: Vec<Reading>,
-    /// Root mean square of the samples, SI of their unit.
+    /// Root mean square of the samples, SI of their unit; 0 where it is not judged.
     pub rms: f64,
     /// Conflict with the model, in standard deviations.
     pub conflict: f64,
@@ -47,12 +47,14 @@ impl Observation {
     /// Observation of an identified record; `None` for frequencies measured elsewhere, which have no time.
     pub fn of(identification: &Identification) -> Option<Self> {
         let measurement = identification.measurement.as_ref()?;
+        // Another sensor has another place, and may have another unit.
+        let is_first = identification.joint.as_ref().is_none_or(|joint| joint.lead == 0);
         Some(Self {
             start: measurement.start,
             duration_s: measurement.duration_s,
             modes: identification.modes.iter().map(LogMode::from).collect(),
             readings: measurement.readings.clone(),
-            rms: measurement.rms,
+            rms: if is_first { measurement.rms } else { 0.0 },
             conflict: identification.conflict.score,
         })
     }

@@ -113,6 +113,7 @@ impl Plausibility {
         }
         if let Some((low, high)) = self.rms
             && self.seen >= AMPLITUDES
+            && observation.rms > 0.0
             && !(low / AMPLITUDE..=high * AMPLITUDE).contains(&observation.rms)
         {
             return Some(Doubt::Amplitude);

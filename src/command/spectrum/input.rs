@@ -112,7 +112,11 @@ impl<'a> Inputs<'a> {
 
     /// Opens a recording for configured rods.
     fn open_for(&self, config: &Config, path: &Path) -> Result<Open, SourceError> {
-        let rods: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
+        let rods: Vec<RodChannels> = config
+            .rods
+            .iter()
+            .map(|rod| rod.channels.clone().alone())
+            .collect();
         let whose = Whose {
             rods: &rods,
             is_meant: true,
@@ -220,13 +224,9 @@ impl<'a> Inputs<'a> {
                 false => Step::Ended(faults(summary)),
             });
         };
-        let rod = match &event {
-            Event::Record(record) => &record.rod,
-            Event::Rejected { rod, .. } | Event::Readings { rod, .. } => rod,
-        };
         let step = open
             .sources
-            .get(rod)
+            .get(event.rod())
             .cloned()
             .map(|source| Step::Event(source, event));
         self.open = Some(open);
@@ -347,6 +347,7 @@ fn as_rod(
         rod: RodId(topic.clone()),
         displacement,
         temperature: None,
+        beside: None,
     };
     Ok((rod, unit))
 }

@@ -115,7 +115,8 @@ impl Looker {
     /// Examines an event; `None` for temperatures.
     pub fn look(&self, source: &Source, event: Event) -> Option<Box<Look>> {
         let look = match event {
-            Event::Readings { .. } => return None,
+            // Spectra are of single sensors.
+            Event::Readings { .. } | Event::Moment(_) => return None,
             Event::Rejected {
                 rod,
                 start,
@@ -142,6 +143,7 @@ impl Looker {
                     measurement: None,
                     labels: None,
                     waveform,
+                    sensors: None,
                 }),
                 axial_force_n: None,
                 conflict: None,
@@ -212,6 +214,7 @@ impl Looker {
                     measurement: None,
                     labels: None,
                     waveform: Some(Envelope::of(&record.samples, record.fs_hz)),
+                    sensors: None,
                 });
                 look.rejection = Some(rejection);
             }

@@ -340,12 +340,15 @@ fn further(table: &mut Table<'_>, config: Option<&RodConfig>) -> Option<(Channel
         |value| value.name_string().map(str::to_owned),
         |topic| toml_string(topic),
     );
-    let known = config.map_or(&[][..], |config| config.sensors.get(1..).unwrap_or_default());
+    let known: Vec<_> = config.map_or_else(Vec::new, |config| {
+        let sensors = config.channels.sensors().zip(&config.analysis.sensors);
+        sensors.skip(1).collect()
+    });
     let own = topic
         .as_ref()
-        .and_then(|topic| known.iter().find(|sensor| sensor.channel.topic == *topic));
+        .and_then(|topic| known.iter().find(|(channel, _)| channel.topic == *topic));
     if let (Some(topic), None, Some(_)) = (&topic, own, config) {
-        let known: Vec<&str> = known.iter().map(|sensor| sensor.channel.topic.as_str()).collect();
+        let known: Vec<&str> = known.iter().map(|(channel, _)| channel.topic.as_str()).collect();
         table.fault_of(
             "topic",
             format!(
@@ -367,9 +370,9 @@ fn further(table: &mut Table<'_>, config: Option<&RodConfig>) -> Option<(Channel
         Range::within(0.0, 0.1),
         1e-6,
     );
-    let own = own?;
+    let (channel, own) = own?;
     Some((
-        own.channel.clone(),
+        (*channel).clone(),
         Sensor {
             at: at.unwrap_or(own.at),
             noise_m,

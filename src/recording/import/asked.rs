@@ -76,11 +76,8 @@ pub struct Asked<'a> {
 }
 
 pub(super) fn channels_of(rods: &[RodChannels]) -> impl Iterator<Item = (&str, &Channel)> {
-    rods.iter().flat_map(|rod| {
-        std::iter::once(&rod.displacement)
-            .chain(rod.temperature.as_ref())
-            .map(|channel| (rod.rod.0.as_str(), channel))
-    })
+    rods.iter()
+        .flat_map(|rod| rod.all().map(|channel| (rod.rod.0.as_str(), channel)))
 }
 
 /// Gives channels of one name names of their own: `disp`, `disp-2`. Names of times stay.

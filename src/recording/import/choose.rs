@@ -26,9 +26,11 @@ pub(super) fn for_rods(
         return named(signals, asked, is_meant);
     }
     let is_topic = |signal: &Signal| channels_of(asked.rods).any(|(_, channel)| channel.topic == signal.name);
-    let is_displacement =
-        |signal: &Signal| asked.rods.iter().any(|rod| rod.displacement.topic == signal.name);
-    if signals.iter().any(is_displacement) {
+    let is_sensor = |signal: &Signal| {
+        let mut sensors = asked.rods.iter().flat_map(RodChannels::sensors);
+        sensors.any(|channel| channel.topic == signal.name)
+    };
+    if signals.iter().any(is_sensor) {
         let chosen = signals.into_iter().filter(is_topic);
         let under = |signal: Signal| {
             let topic = signal.name.clone();
@@ -57,9 +59,13 @@ fn as_topic(signal: Signal, topic: String) -> (Signal, Wanted) {
     (signal, wanted)
 }
 
-/// Topics of displacements.
+/// Topics of sensors.
 fn topics(rods: &[RodChannels]) -> String {
-    let topics: Vec<&str> = rods.iter().map(|rod| rod.displacement.topic.as_str()).collect();
+    let topics: Vec<&str> = rods
+        .iter()
+        .flat_map(RodChannels::sensors)
+        .map(|channel| channel.topic.as_str())
+        .collect();
     topics.join(", ")
 }
 

@@ -96,7 +96,7 @@ pub fn open(
     }
     let mut rods = whose.rods.to_vec();
     for rod in &mut rods {
-        for channel in std::iter::once(&mut rod.displacement).chain(rod.temperature.as_mut()) {
+        for channel in rod.all_mut() {
             if let Some(planned) = plan
                 .channels
                 .iter()
@@ -345,6 +345,7 @@ fn rod(topic: &str, field: &str, unit: Unit, fs_hz: Option<f64>) -> RodChannels 
             fs_hz,
         },
         temperature: None,
+        beside: None,
     }
 }
 

@@ -301,6 +301,7 @@ mod tests {
                 fs_hz: Some(fs_hz),
             },
             temperature: None,
+            beside: None,
         }
     }
 

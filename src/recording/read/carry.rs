@@ -25,6 +25,25 @@ struct SavedRod {
     assembler: Vec<u8>,
 }
 
+/// What waits for other sensors of a rod; behind the rest, and only where a rod has several.
+#[derive(Serialize, Deserialize)]
+struct SavedMoments {
+    rod: RodId,
+    /// Of each sensor, as in [`SavedRod`].
+    cut_by: Vec<String>,
+    moments: Vec<u8>,
+}
+
+/// Channels and settings of all sensors of a rod, whose first lane has this number.
+fn all_cut_by(router: &Router, first: usize, settings: &RecordSettings) -> Vec<String> {
+    let rest = router.rods.iter().skip(first + 1);
+    let lanes = router.rods.get(first).into_iter();
+    lanes
+        .chain(rest.take_while(|rod| rod.sensor > 0))
+        .map(|rod| cut_by(&rod.config, settings))
+        .collect()
+}
+
 /// Channels and settings with which a rod's samples are cut, as a text to compare.
 fn cut_by(channels: &RodChannels, settings: &RecordSettings) -> String {
     serde_json::to_string(&(channels, settings)).unwrap_or_default()
@@ -41,12 +60,25 @@ pub(super) fn encode(router: &Router, settings: &RecordSettings) -> Result<Vec<u
             assembler: rod.assembler.save()?,
         })
     });
-    postcard::to_stdvec(&Saved {
+    let mut body = postcard::to_stdvec(&Saved {
         version: VERSION,
         journal: router.journal.clone(),
         unverified: router.unverified,
         rods: rods.collect::<Result<_, postcard::Error>>()?,
-    })
+    })?;
+    let moments = router.rods.iter().enumerate().filter_map(|(at, rod)| {
+        let moments = rod.moments.as_ref()?;
+        Some(moments.save().map(|moments| SavedMoments {
+            rod: rod.config.rod.clone(),
+            cut_by: all_cut_by(router, at, settings),
+            moments,
+        }))
+    });
+    let moments: Vec<SavedMoments> = moments.collect::<Result<_, postcard::Error>>()?;
+    if !moments.is_empty() {
+        body.extend(postcard::to_stdvec(&moments)?);
+    }
+    Ok(body)
 }
 
 /// Restores a router from its encoded state, with a sentence for everything that could not be restored.
@@ -59,11 +91,11 @@ pub(super) fn decode(
     // The version comes first: a carry of another version need not be readable beyond it.
     let is_ours = postcard::take_from_bytes::<u32>(body).is_ok_and(|(version, _)| version == VERSION);
     let saved = if is_ours {
-        postcard::from_bytes::<Saved>(body).ok()
+        postcard::take_from_bytes::<Saved>(body).ok()
     } else {
         None
     };
-    let Some(saved) = saved else {
+    let Some((saved, rest)) = saved else {
         let lost = "the open samples of the journal's last part come from another version of the program; they are left out";
         return (router, vec![lost.to_owned()]);
     };
@@ -87,6 +119,24 @@ pub(super) fn decode(
         };
         router.set_fed_by(at, saved.fed_by);
         router.restore(at, assembler, saved.messages);
+    }
+    let moments: Vec<SavedMoments> = match rest.is_empty() {
+        true => Vec::new(),
+        false => postcard::from_bytes(rest).unwrap_or_default(),
+    };
+    for saved in moments {
+        let at = router
+            .rods
+            .iter()
+            .position(|rod| rod.config.rod == saved.rod && rod.moments.is_some());
+        let at = at.filter(|at| all_cut_by(&router, *at, settings) == saved.cut_by);
+        let moments = at.and_then(|at| router.rods.get_mut(at)?.moments.as_mut());
+        if !moments.is_some_and(|moments| moments.resume(&saved.moments).is_ok()) {
+            lost.push(format!(
+                "rod {}: its sensors or the record settings changed; what waited for the records of other sensors is left out",
+                saved.rod
+            ));
+        }
     }
     (router, lost)
 }

@@ -10,6 +10,7 @@ mod file;
 pub mod folder;
 pub mod hole;
 pub mod json;
+mod lanes;
 pub mod mcap;
 pub mod path;
 mod place;

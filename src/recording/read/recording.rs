@@ -146,8 +146,7 @@ impl Recording {
         live: bool,
     ) -> Result<Self, SourceError> {
         for rod in rods {
-            let channels = [Some(&rod.displacement), rod.temperature.as_ref()];
-            for channel in channels.into_iter().flatten() {
+            for channel in rod.all() {
                 let time = match &channel.time {
                     TimeSource::Field(path) => path.as_str(),
                     TimeSource::Log | TimeSource::Publish => &channel.field,
@@ -334,10 +333,7 @@ impl Recording {
 
     /// Bytes in memory: samples not yet in a record, records not yet taken, and data read but not passed on.
     pub fn held(&self) -> usize {
-        let ready = self.queue.iter().map(|timed| match &timed.event {
-            Event::Record(record) => 8 * record.samples.len(),
-            Event::Rejected { .. } | Event::Readings { .. } => 0,
-        });
+        let ready = self.queue.iter().map(|timed| 8 * timed.event.samples());
         let reading = match &self.stage {
             Stage::Reading(file) => file.reader().map_or(0, Reader::held),
             Stage::Given(_) | Stage::Ended => 0,

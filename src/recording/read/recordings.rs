@@ -260,11 +260,17 @@ impl Recordings {
                 .filter(|other| other.config.rod == rod.config.rod)
                 .any(|other| other.is_followed)
         };
+        let is_followed = |rod: &Rod| {
+            let mut lanes = rods.iter().filter(|lane| lane.config.rod == rod.config.rod);
+            lanes.any(|lane| lane.is_followed)
+        };
         // Readings for a rod that is followed in other files come with those.
-        let rods = rods
-            .into_iter()
-            .filter(|rod| rod.is_followed || !is_elsewhere(rod));
-        for timed in Router::of(rods.collect()).ended() {
+        let stays: Vec<bool> = rods
+            .iter()
+            .map(|rod| is_followed(rod) || !is_elsewhere(rod))
+            .collect();
+        let rods = rods.into_iter().zip(stays).filter(|(_, stays)| *stays);
+        for timed in Router::of(rods.map(|(rod, _)| rod).collect()).ended() {
             records += timed.records();
             let (event, place) = timed.at_place(Arc::clone(&file), bytes, records);
             self.ready.push_back(Step::Event(event, place));

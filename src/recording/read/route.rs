@@ -3,13 +3,15 @@
 use super::Place;
 use super::decode::{DecodeError, Decoded, SchemaRef, Time};
 use super::hole::Hole;
+use super::lanes::{self, Found};
 use super::mcap::{ChannelInfo, Item, Message};
 use super::plans::{Plans, Route};
 use super::recording::Block;
 use super::speakers::Speakers;
 use super::summary::{Summary, TopicSummary};
 use crate::analysis::signal::record::{
-    Assembler, Channel, Cut, Event, RecordSettings, Rejection, RodChannels, RodId, TimeSource, Timestamp,
+    Assembler, Channel, Cut, Event, Moments, RecordSettings, Rejection, RodChannels, RodId, TimeSource,
+    Timestamp,
 };
 use crate::analysis::track::ordered::Reached;
 use crate::recording::note::{self, Note, State};
@@ -139,14 +141,20 @@ struct Topic {
     speakers: Speakers,
 }
 
+/// A rod with one sensor, or one sensor of a rod with several: these are next to each other.
 pub(super) struct Rod {
+    /// Channels of the lane.
     pub(super) config: RodChannels,
+    /// Number of its sensor, from 0.
+    pub(super) sensor: usize,
+    /// Moments of the rod's sensors, with the first of several.
+    pub(super) moments: Option<Moments>,
     pub(super) assembler: Assembler,
     /// Indices of the streams of its last sample and of its last temperature.
     fed_by: [Option<usize>; 2],
     /// True if it ever had samples.
     pub(super) is_followed: bool,
-    files: Files,
+    pub(super) files: Files,
 }
 
 /// Most files of a rod that are remembered: beyond, a record waited for its temperature over as many files.
@@ -154,7 +162,7 @@ const FILES: usize = 16;
 
 /// Latest files that gave a rod's samples, the latest first, each with the time of its first sample.
 #[derive(Default)]
-struct Files(VecDeque<(Arc<str>, Timestamp)>);
+pub(super) struct Files(VecDeque<(Arc<str>, Timestamp)>);
 
 impl Files {
     /// Notes samples of a file.
@@ -172,7 +180,7 @@ impl Files {
     }
 
     /// The file that holds an event's last sample.
-    fn of(&self, event: &Event) -> Option<Arc<str>> {
+    pub(super) fn of(&self, event: &Event) -> Option<Arc<str>> {
         let end = match event {
             Event::Record(record) => {
                 let last = record.samples.len().saturating_sub(1) as f64;
@@ -181,7 +189,7 @@ impl Files {
             Event::Rejected {
                 start, duration_s, ..
             } => start.map(|start| start.plus_seconds((duration_s - ROUNDED_S).max(0.0))),
-            Event::Readings { .. } => None,
+            Event::Readings { .. } | Event::Moment(_) => None,
         };
         let has = |(_, from): &&(Arc<str>, Timestamp)| end.is_none_or(|end| *from <= end);
         let found = self.0.iter().find(has).or(self.0.back());
@@ -205,16 +213,24 @@ impl Router {
     pub fn new(rods: &[RodChannels], settings: &RecordSettings) -> Self {
         // A declared cut takes a file for a measurement.
         let ends_with_file = matches!(settings.cut, Cut::File | Cut::FreeDecay { .. });
-        let rods = rods.iter().map(|config| {
-            let temperature = config.temperature.is_some();
-            let fs_hz = config.displacement.fs_hz;
-            Rod {
-                config: config.clone(),
-                assembler: Assembler::new(config.rod.clone(), *settings, fs_hz, temperature),
-                fed_by: [None; 2],
-                is_followed: false,
-                files: Files::default(),
-            }
+        let rods = rods.iter().flat_map(|rod| {
+            let beside = rod.beside.as_ref();
+            let moments =
+                beside.map(|beside| Moments::new(rod.rod.clone(), 1 + beside.channels.len(), beside.wait_s));
+            let mut moments = moments.into_iter();
+            rod.lanes().enumerate().map(move |(sensor, config)| {
+                let temperature = config.temperature.is_some();
+                let fs_hz = config.displacement.fs_hz;
+                Rod {
+                    assembler: Assembler::new(config.rod.clone(), *settings, fs_hz, temperature),
+                    config,
+                    sensor,
+                    moments: moments.next(),
+                    fed_by: [None; 2],
+                    is_followed: false,
+                    files: Files::default(),
+                }
+            })
         });
         Self {
             ends_with_file,
@@ -424,7 +440,7 @@ impl Router {
                 rod.assembler.set_unverified(*unverified);
                 match route.take((rod, count), &message, file.as_ref(), scratch) {
                     Ok(Some(time)) => {
-                        if let Some(listener) = listener {
+                        if let Some(listener) = listener.as_ref().filter(|_| rod.sensor == 0) {
                             listener(&rod.config.rod, time, scratch, rod.config.displacement.fs_hz);
                         }
                     }
@@ -436,6 +452,9 @@ impl Router {
                 // A stamp takes as much as two samples, and a single one is the least that is kept.
                 *grown += 24 + 8 * scratch.len();
                 has_events |= rod.assembler.has_events();
+                let first = route.rod - rod.sensor;
+                let moments = rods.get(first).and_then(|first| first.moments.as_ref());
+                has_events |= moments.is_some_and(Moments::is_waiting);
             }
         }
         if scratch.capacity() > SCRATCH {
@@ -448,16 +467,17 @@ impl Router {
         }
         // At once, not at the end of a chunk: the progress of the other rods at that moment must not depend on the chunks of a file.
         if has_events {
-            self.collect();
+            self.collect(false);
         }
         if self.grown > WEIGHED_EVERY {
             self.weigh();
         }
     }
 
-    /// Bytes of samples of all rods that are not yet in a record.
+    /// Bytes of samples of all rods that are not yet in a record or a moment.
     pub fn held(&self) -> usize {
-        self.rods.iter().map(|rod| rod.assembler.held()).sum()
+        let rods = self.rods.iter();
+        rods.map(|rod| rod.assembler.held() + rod.waiting()).sum()
     }
 
     /// Sets the bytes of samples beyond which the longest stretch becomes a record.
@@ -465,11 +485,26 @@ impl Router {
         self.most = most;
     }
 
-    /// Ends the longest stretches while all rods together hold too much.
+    /// Ends the longest stretches, or moments, while all rods together hold too much.
     fn weigh(&mut self) {
         self.grown = 0;
         let mut held = self.held();
         while held > self.most {
+            if let Some(at) = (0..self.rods.len()).max_by_key(|at| self.rods[*at].waiting())
+                && self.rods[at].waiting()
+                    > self
+                        .rods
+                        .iter()
+                        .map(|rod| rod.assembler.held())
+                        .max()
+                        .unwrap_or(0)
+            {
+                let mut found = Vec::new();
+                lanes::release(&mut self.rods[at..], &mut found);
+                self.take(found);
+                held = self.held();
+                continue;
+            }
             let rods = self.rods.iter().map(|rod| rod.assembler.held());
             // Of equal ones the first.
             let Some((_, Reverse(at))) = rods.enumerate().map(|(at, held)| (held, Reverse(at))).max() else {
@@ -479,9 +514,9 @@ impl Router {
             let before = rod.assembler.held();
             rod.assembler.cut_off();
             *self.cuts.entry(at).or_insert(0) += 1;
-            self.collect();
+            self.collect(false);
             let now = self.rods.get(at).map_or(0, |rod| rod.assembler.held());
-            held = held.saturating_sub(before - now.min(before));
+            held = self.held();
             if now >= before {
                 return;
             }
@@ -524,7 +559,7 @@ impl Router {
             }
         }
         self.holes.push(detail);
-        self.collect();
+        self.collect(false);
     }
 
     /// Takes samples that need no decoding.
@@ -561,7 +596,7 @@ impl Router {
                 }
             }
         }
-        self.collect();
+        self.collect(false);
         if self.grown > WEIGHED_EVERY {
             self.weigh();
         }
@@ -616,7 +651,7 @@ impl Router {
         let Some(rod) = self.rods.get_mut(at) else { return };
         let count = std::mem::take(&mut self.counts[at]);
         rod.finish(count, cut_short, None);
-        self.collect();
+        self.collect(false);
         let Some(rod) = self.rods.get_mut(at) else { return };
         let [samples, temperature] = rod.fed_by;
         let is_from_elsewhere = temperature.is_some() && temperature != samples;
@@ -683,27 +718,56 @@ impl Router {
         to.extend(self.ready.drain(..));
     }
 
-    /// Collects events from the assemblers of the rods.
-    fn collect(&mut self) {
-        let reached = self.reached();
-        for rod in &mut self.rods {
-            let files = &rod.files;
-            let timed = rod.assembler.timed_events().map(|(at, event)| Timed {
-                origin: files.of(&event),
+    /// Collects the rods' events; with `all`, none waits for another sensor any more.
+    fn collect(&mut self, all: bool) {
+        let mut found = Vec::new();
+        for lanes in self.rods.chunk_by_mut(|_, next| next.sensor > 0) {
+            lanes::collect(lanes, all, &mut found);
+        }
+        self.take(found);
+    }
+
+    fn take(&mut self, found: Vec<Found>) {
+        if found.is_empty() {
+            return;
+        }
+        let mut reached = self.reached();
+        let mut timed = Vec::with_capacity(found.len());
+        // Of moments that close together the later are still to come when the first does.
+        for (at, event, origin) in found.into_iter().rev() {
+            let before = match &event {
+                Event::Moment(moment) => reached
+                    .iter()
+                    .map(|(rod, reached)| {
+                        let own = (*rod == moment.rod).then_some(at);
+                        (rod.clone(), reached.iter().copied().chain(own).min())
+                    })
+                    .collect(),
+                _ => Arc::clone(&reached),
+            };
+            timed.push(Timed {
                 event,
                 at,
-                reached: Arc::clone(&reached),
+                reached: std::mem::replace(&mut reached, before),
+                origin,
             });
-            self.ready.extend(timed);
         }
+        self.ready.extend(timed.into_iter().rev());
     }
 
     /// Times up to which each rod has been read.
     pub fn reached(&self) -> Reached {
-        self.rods
-            .iter()
-            .filter(|rod| rod.is_followed)
-            .map(|rod| (rod.config.rod.clone(), rod.assembler.complete_until()))
+        let rods = self.rods.chunk_by(|_, next| next.sensor > 0);
+        rods.filter(|lanes| lanes.iter().any(|lane| lane.is_followed))
+            .filter_map(|lanes| {
+                let first = lanes.first()?;
+                let own = |sensor: usize| lanes.get(sensor)?.assembler.complete_until();
+                let reached = match &first.moments {
+                    None => own(0),
+                    Some(moments) => moments.complete_until(|sensor| own(sensor).is_some()),
+                };
+                Some((first.config.rod.clone(), reached))
+            })
             .collect()
     }
 
@@ -713,7 +777,7 @@ impl Router {
         for (rod, count) in self.rods.iter_mut().zip(&self.counts) {
             rod.finish(*count, cut_short, damage);
         }
-        self.collect();
+        self.collect(true);
         self.events(to);
     }
 
@@ -728,7 +792,7 @@ impl Router {
             }
             rod.tell_nothing(*count, damage);
         }
-        self.collect();
+        self.collect(false);
     }
 
     /// Events of the samples left at the very end.
@@ -757,9 +821,11 @@ impl Router {
         }
         summary.missing.clear();
         summary.wanted = 0;
-        for (Rod { config, .. }, count) in self.rods.iter().zip(&self.counts) {
-            summary.samples.insert(config.rod.clone(), count.samples);
-            let wanted = [Some(&config.displacement), config.temperature.as_ref()];
+        summary.samples.clear();
+        for (Rod { config, sensor, .. }, count) in self.rods.iter().zip(&self.counts) {
+            *summary.samples.entry(config.rod.clone()).or_default() += count.samples;
+            let temperature = config.temperature.as_ref().filter(|_| *sensor == 0);
+            let wanted = [Some(&config.displacement), temperature];
             for Channel { topic, .. } in wanted.into_iter().flatten() {
                 summary.wanted += 1;
                 if !summary.topics.contains_key(topic) {
@@ -771,6 +837,12 @@ impl Router {
 }
 
 impl Rod {
+    /// Bytes of the records that wait for the rod's other sensors.
+    fn waiting(&self) -> usize {
+        let waiting = self.moments.iter().flat_map(Moments::waiting);
+        waiting.map(|event| 8 * event.samples()).sum()
+    }
+
     /// Ends its stream.
     fn finish(&mut self, count: Count, cut_short: bool, damage: Option<&str>) {
         self.assembler.finish(cut_short);

@@ -1,6 +1,7 @@
 //! Status of one rod, as JSON: for `status --format json` and the page.
 
 use crate::analysis::findings::Doubt;
+use crate::analysis::identify::Sensors;
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Alarm, Interval, Kind, RodState, SILENCE_INTERVALS};
 use crate::config::Config;
@@ -8,7 +9,7 @@ use crate::site::record_row::RecordRow;
 use crate::site::store::{Asked, Reader, Standing, StoreError};
 use serde::Serialize;
 
-/// Status of one rod; every field is always present.
+/// Status of one rod; every field but `sensors` is always present.
 #[derive(Debug, Clone, Serialize)]
 pub struct RodStatus {
     /// Id of the rod.
@@ -59,6 +60,9 @@ pub struct RodStatus {
     pub waiting: Vec<String>,
     /// Time since which a daemon has expected the rod's first record; `null` once one has come.
     pub never_seen_since: Option<Timestamp>,
+    /// Sensors of the record in `latest_used`; only of a rod with several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensors: Option<Sensors>,
 }
 
 /// Numbers of records and periods that learning takes.
@@ -126,6 +130,7 @@ impl RodStatus {
     pub fn of(standing: Standing, counts: (u64, u64), terms: Option<Terms>) -> Result<Self, StoreError> {
         let latest = standing.latest_row()?;
         let latest_used = latest.as_ref().and_then(|row| row.start);
+        let sensors = latest.as_ref().and_then(|row| row.sensors.clone());
         // A record of an older segment is relative to another baseline.
         let row = latest
             .filter(|row| row.segment == Some(standing.segment))
@@ -169,6 +174,7 @@ impl RodStatus {
                 })
                 .collect(),
             never_seen_since: standing.awaited,
+            sensors,
             rod: standing.rod,
         })
     }

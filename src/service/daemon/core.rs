@@ -2,6 +2,7 @@
 //! durable.
 
 use super::guard::Guard;
+use super::left_out::Runs;
 use super::opening::{open_site, warn_of_renewed};
 use super::retention::Retention;
 use super::silence::Silence;
@@ -89,6 +90,7 @@ pub struct Core {
     held: Held,
     passed: LastSeen,
     silence: Silence,
+    left_out: Runs,
     retention: Retention,
     vigil: Vigil,
     health: Arc<Health>,
@@ -127,12 +129,14 @@ impl Core {
             generation,
             passed,
             silence: Silence::default(),
+            left_out: Runs::default(),
             retention: Retention::default(),
             vigil,
             health,
             stopping,
             notify,
         };
+        core.left_out.retain(&core.generation.config, &core.health);
         core.listen(silent_from);
         Ok(core)
     }
@@ -228,6 +232,10 @@ impl Core {
         if let Some(start) = outcome.start() {
             self.vigil.heard(start);
         }
+        if let Some(sensors) = outcome.sensors() {
+            let patience = self.generation.config.alarm.sensor_records;
+            self.left_out.take(rod, sensors, patience, &self.health);
+        }
         if let Outcome::Rejected(rejected) = outcome {
             let fault = match rejected.rejection {
                 Rejection::Broken { .. } => Fault::Broken,
@@ -287,6 +295,7 @@ impl Core {
                 Err(error) => return Err(error.into()),
             }
         }
+        self.left_out.retain(&generation.config, &self.health);
         self.listen(clock::now());
         let settle = Duration::from_secs_f64(generation.config.alert.settle_s);
         self.vigil.set_settle(settle);

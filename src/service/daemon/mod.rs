@@ -7,6 +7,7 @@ mod conditions;
 pub mod core;
 mod folder;
 mod guard;
+mod left_out;
 mod live;
 mod misnamed;
 pub mod notify;

@@ -340,10 +340,7 @@ impl Work {
 
     fn send_event(&mut self, event: Event, place: Place) -> Result<(), Stopped> {
         self.last_event = Some(Instant::now());
-        let samples = match &event {
-            Event::Record(record) => record.samples.len(),
-            Event::Rejected { .. } | Event::Readings { .. } => 0,
-        };
+        let samples = event.samples();
         let load = loop {
             if let Some(load) = self.loads.take(samples) {
                 break load;

@@ -160,7 +160,7 @@ fn stands_on(notice: &ConditionEvent, health: &Health) {
     if is(Fault::Topic) {
         health.strays().came(&notice.about);
     }
-    for fault in [Fault::Behind, Fault::Clock]
+    for fault in [Fault::Behind, Fault::Clock, Fault::LeftOut]
         .into_iter()
         .filter(|fault| is(*fault))
     {

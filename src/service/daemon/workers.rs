@@ -35,12 +35,12 @@ impl Workers {
     pub fn work(&self, job: Job) -> Done {
         match job {
             Job::Event {
-                event: Event::Record(record),
+                event: event @ (Event::Record(_) | Event::Moment(_)),
                 place,
                 plans,
                 load,
             } => {
-                let done = self.record(record, place, &plans);
+                let done = self.record(event, place, &plans);
                 drop(load);
                 done
             }
@@ -48,26 +48,24 @@ impl Workers {
         }
     }
 
-    fn record(&self, record: Record, place: Place, plans: &Plans) -> Done {
-        let identity = record.identity();
-        let is_known = |known: &Known| {
-            known
-                .get(&record.rod)
-                .is_some_and(|known| known.contains(&identity))
+    fn record(&self, event: Event, place: Place, plans: &Plans) -> Done {
+        let is_known = analyse::known_by(&event, &self.known).is_some();
+        let Some(record) = event.record().filter(|_| !is_known) else {
+            return Done::Event(analyse::analyse(event, plans, &self.known), place);
         };
-        if is_known(&self.known) {
-            return Done::Event(Analysed::Known(record.rod, identity), place);
-        }
-        let name = step_of(&record, &identity);
-        if self.quarantine.is_quarantined(&name) {
+        let name = step_of(record, &record.identity());
+        if self.quarantine.is_quarantined(&name)
+            && let Event::Record(record) = event.clone().into_first()
+        {
             let deaths = self.quarantine.deaths(&name);
+            let identity = record.identity();
             let refused = analyse::refused(record, identity, Rejection::Quarantined { deaths }.into());
             return Done::Event(Analysed::Record(Box::new(refused)), place);
         }
         let mut slot = self.idle().pop().unwrap_or_else(|| self.quarantine.slot());
         slot.working_on(&name);
         let begun = Instant::now();
-        let analysed = analyse::analyse(Event::Record(record), plans, &self.known);
+        let analysed = analyse::analyse(event, plans, &self.known);
         self.metrics.analysis(begun.elapsed());
         slot.idle();
         self.idle().push(slot);

@@ -51,12 +51,8 @@ pub type Topics = watch::Receiver<Arc<TopicSet>>;
 
 /// Topics that the rods of a configuration read.
 pub fn topics_of(rods: &[RodConfig]) -> TopicSet {
-    let channels = rods.iter().map(|rod| &rod.channels);
-    channels
-        .flat_map(|rod| [Some(&rod.displacement), rod.temperature.as_ref()])
-        .flatten()
-        .map(|channel| channel.topic.clone())
-        .collect()
+    let channels = rods.iter().flat_map(|rod| rod.channels.all());
+    channels.map(|channel| channel.topic.clone()).collect()
 }
 
 /// State shared by all connections.

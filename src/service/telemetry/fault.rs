@@ -33,6 +33,8 @@ pub enum Fault {
     Folder,
     /// Messages come on a topic of no rod, while a rod gets none.
     Topic,
+    /// A sensor of a rod with several is left out of its records.
+    LeftOut,
     /// Store or journal are no longer the files that are written, or can no longer be written.
     Files,
     /// The machine's clock jumped, or is in doubt.
@@ -51,7 +53,7 @@ pub enum Fault {
 
 impl Fault {
     /// Every kind of fault.
-    pub const ALL: [Self; 22] = [
+    pub const ALL: [Self; 23] = [
         Self::Rejected,
         Self::Recording,
         Self::Client,
@@ -67,6 +69,7 @@ impl Fault {
         Self::Reload,
         Self::Folder,
         Self::Topic,
+        Self::LeftOut,
         Self::Files,
         Self::Clock,
         Self::Certificate,
@@ -94,6 +97,7 @@ impl Fault {
             Self::Reload => "reload",
             Self::Folder => "folder",
             Self::Topic => "topic",
+            Self::LeftOut => "left-out",
             Self::Files => "files",
             Self::Clock => "clock",
             Self::Certificate => "certificate",
@@ -122,6 +126,9 @@ impl Fault {
             Self::Reload => "a new configuration is bad: the old one holds",
             Self::Folder => "a watched folder cannot be read",
             Self::Topic => "a topic comes that belongs to no rod, while nothing comes of a rod",
+            Self::LeftOut => {
+                "a sensor of a rod with several is left out of its records: the others give the force"
+            }
             Self::Files => "store or journal were removed, replaced, cut short or made read-only",
             Self::Clock => "the clock of the machine jumped, or is not believed",
             Self::Certificate => "a certificate has ended or ends soon, or cannot be used",

@@ -35,9 +35,9 @@ pub fn run(
 ) {
     let weigh = |job: &Job| match job {
         Job::Event {
-            event: Event::Record(record),
+            event: event @ (Event::Record(_) | Event::Moment(_)),
             ..
-        } => record.samples.len(),
+        } => event.samples(),
         _ => 1,
     };
     let bench = Bench::default();

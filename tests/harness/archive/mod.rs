@@ -95,6 +95,7 @@ pub fn identified(rod: &RodId, number: i64) -> Outcome {
         },
         hangs_on: None,
         tested: None,
+        joint: None,
     }))
 }
 
@@ -127,6 +128,7 @@ pub fn rejected(rod: &RodId, number: i64) -> Outcome {
         measurement: None,
         labels: None,
         waveform: None,
+        sensors: None,
     }))
 }
 

@@ -43,6 +43,7 @@ pub fn rod(id: &str, topic: &str, field: &str) -> RodChannels {
         rod: RodId(id.into()),
         displacement: channel(topic, field),
         temperature: None,
+        beside: None,
     }
 }
 
@@ -98,7 +99,7 @@ pub fn records(events: &[Event]) -> Vec<&Record> {
         .iter()
         .filter_map(|event| match event {
             Event::Record(record) => Some(record),
-            Event::Rejected { .. } | Event::Readings { .. } => None,
+            _ => None,
         })
         .collect()
 }

@@ -10,7 +10,7 @@ mod records;
 use super::onset;
 use super::temperature::Temperature;
 use super::timing::{Stray, Stretch};
-use super::{Cut, Envelope, Reading, Record, RecordSettings, Rejection, RodId, Timestamp};
+use super::{Cut, Envelope, Moment, Reading, Record, RecordSettings, Rejection, RodId, Timestamp};
 use messages::Place;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -42,6 +42,8 @@ pub enum Event {
         /// Ascending in time.
         readings: Vec<Reading>,
     },
+    /// What several sensors of a rod gave of one moment.
+    Moment(Moment),
 }
 
 impl Event {
@@ -50,6 +52,43 @@ impl Event {
         match self {
             Self::Record(record) => &record.rod,
             Self::Rejected { rod, .. } | Self::Readings { rod, .. } => rod,
+            Self::Moment(moment) => &moment.rod,
+        }
+    }
+
+    /// Its record, or the first of its moment.
+    pub fn record(&self) -> Option<&Record> {
+        match self {
+            Self::Record(record) => Some(record),
+            Self::Moment(moment) => moment.records().next().map(|(_, record)| record),
+            Self::Rejected { .. } | Self::Readings { .. } => None,
+        }
+    }
+
+    /// Of a moment the first record, or else the first refused stretch; any other event as it is.
+    pub fn into_first(self) -> Self {
+        let Self::Moment(Moment { rod, mut seen, .. }) = self else {
+            return self;
+        };
+        let first = seen
+            .iter()
+            .position(|(_, event)| matches!(event, Self::Record(_)))
+            .unwrap_or(0);
+        match first < seen.len() {
+            true => seen.swap_remove(first).1,
+            false => Self::Readings {
+                rod,
+                readings: Vec::new(),
+            },
+        }
+    }
+
+    /// Number of samples of its records.
+    pub fn samples(&self) -> usize {
+        match self {
+            Self::Record(record) => record.samples.len(),
+            Self::Moment(moment) => moment.records().map(|(_, record)| record.samples.len()).sum(),
+            Self::Rejected { .. } | Self::Readings { .. } => 0,
         }
     }
 }
@@ -347,6 +386,21 @@ impl Assembler {
         let nanos = self.waiting_at.front().copied().or(open).or_else(warm);
         Some(Timestamp::from_nanos(
             nanos.unwrap_or_else(|| self.at.saturating_add(1)),
+        ))
+    }
+
+    /// Earliest time of samples that are in no event yet, but for stretches too short: no event still to come begins before. `None` as for
+    /// [`Assembler::complete_until`].
+    pub fn pending_from(&self) -> Option<Timestamp> {
+        if self.samples == 0 || self.is_over {
+            return None;
+        }
+        let waiting = self.waiting.front().map(|record| record.start.as_nanos());
+        let open = self.open.times.first().copied();
+        let warm = self.warm.iter().map(|(time, _)| *time).min();
+        let pending = waiting.into_iter().chain(open).chain(warm).min();
+        Some(Timestamp::from_nanos(
+            pending.unwrap_or_else(|| self.at.saturating_add(1)),
         ))
     }
 

@@ -40,4 +40,53 @@ pub struct RodChannels {
     pub displacement: Channel,
     /// Its temperature, if measured.
     pub temperature: Option<Channel>,
+    /// Its further sensors, if it has any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub beside: Option<Beside>,
+}
+
+/// Further sensors of a rod.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Beside {
+    /// Their channels.
+    pub channels: Vec<Channel>,
+    /// Furthest that a sensor may be behind another and is still waited for \[s\].
+    pub wait_s: f64,
+}
+
+impl RodChannels {
+    /// Channels of its sensors, the first one first.
+    pub fn sensors(&self) -> impl Iterator<Item = &Channel> {
+        let further = self.beside.iter().flat_map(|beside| &beside.channels);
+        std::iter::once(&self.displacement).chain(further)
+    }
+
+    /// All of its channels: sensors, then temperature.
+    pub fn all(&self) -> impl Iterator<Item = &Channel> {
+        self.sensors().chain(&self.temperature)
+    }
+
+    /// All of its channels, to be changed.
+    pub fn all_mut(&mut self) -> impl Iterator<Item = &mut Channel> {
+        let further = self.beside.iter_mut().flat_map(|beside| &mut beside.channels);
+        std::iter::once(&mut self.displacement)
+            .chain(further)
+            .chain(&mut self.temperature)
+    }
+
+    /// The same rod with its first sensor alone.
+    #[must_use]
+    pub fn alone(self) -> Self {
+        Self { beside: None, ..self }
+    }
+
+    /// The rod once for each of its sensors, with that one alone.
+    pub fn lanes(&self) -> impl Iterator<Item = Self> {
+        self.sensors().map(|channel| Self {
+            rod: self.rod.clone(),
+            displacement: channel.clone(),
+            temperature: self.temperature.clone(),
+            beside: None,
+        })
+    }
 }

@@ -5,6 +5,7 @@ pub mod channel;
 mod clock;
 mod envelope;
 mod holes;
+pub mod moments;
 mod onset;
 pub mod quality;
 pub mod rejection;
@@ -18,8 +19,9 @@ mod timing;
 mod unit;
 
 pub use assembler::{Assembler, Event};
-pub use channel::{Channel, RodChannels, TimeSource};
+pub use channel::{Beside, Channel, RodChannels, TimeSource};
 pub use envelope::Envelope;
+pub use moments::{Moment, Moments};
 pub use rejection::{Flag, Rejection};
 pub use settings::{Cut, RecordSettings};
 pub use temperature::Reading;

@@ -219,6 +219,12 @@ pub enum Rejection {
         /// Number of crashes.
         deaths: u32,
     },
+    /// It came when the moment of the rod's other sensors had closed without it.
+    #[error(
+        "came when the moment of the rod's other sensors had closed without it: this sensor was more than reorder_window_h behind \
+         them; send the sensors of a rod side by side"
+    )]
+    LateSensor,
     /// Tests of the rod that give no posterior together with the record.
     #[error("tests of the rod: {detail}")]
     UnusableTest {
@@ -276,6 +282,7 @@ impl Rejection {
             Self::SharedTopic { .. } => "shared-topic",
             Self::Broken { .. } => "broken",
             Self::Quarantined { .. } => "quarantined",
+            Self::LateSensor => "late-sensor",
             Self::UnusableTest { .. } => "unusable-test",
         }
     }

@@ -1,4 +1,4 @@
-//! Serialisation of the records that wait inside an assembler.
+//! Serialisation of the records that wait inside an assembler, and of the events that wait for other sensors.
 
 /// For `#[serde(with)]`: records as plain fields, flags as JSON because they carry their name inside.
 pub(super) mod records {
@@ -65,5 +65,74 @@ pub(super) mod records {
         };
         let saved = Vec::<Saved>::deserialize(deserializer)?;
         saved.into_iter().map(record).collect()
+    }
+}
+
+/// For `#[serde(with)]`: a record or a refused stretch.
+pub(super) mod event {
+    use crate::signal::record::{Envelope, Event, Record, RodId, Timestamp};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de, ser};
+    use std::collections::VecDeque;
+
+    #[derive(Serialize, Deserialize)]
+    enum Saved {
+        Record(#[serde(with = "super::records")] VecDeque<Record>),
+        Rejected {
+            rod: RodId,
+            start_ns: Option<i64>,
+            duration_s: f64,
+            fs_hz: Option<f64>,
+            waveform: Option<Envelope>,
+            rejection: String,
+        },
+    }
+
+    pub fn serialize<S: Serializer>(event: &Event, serializer: S) -> Result<S::Ok, S::Error> {
+        let saved = match event {
+            Event::Record(record) => Saved::Record(VecDeque::from([record.clone()])),
+            Event::Rejected {
+                rod,
+                start,
+                duration_s,
+                fs_hz,
+                waveform,
+                rejection,
+            } => Saved::Rejected {
+                rod: rod.clone(),
+                start_ns: start.map(Timestamp::as_nanos),
+                duration_s: *duration_s,
+                fs_hz: *fs_hz,
+                waveform: waveform.clone(),
+                rejection: serde_json::to_string(rejection).map_err(ser::Error::custom)?,
+            },
+            Event::Readings { .. } | Event::Moment(_) => {
+                return Err(ser::Error::custom("no event of a single sensor"));
+            }
+        };
+        saved.serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Event, D::Error> {
+        Ok(match Saved::deserialize(deserializer)? {
+            Saved::Record(mut record) => {
+                let record = record.pop_front();
+                Event::Record(record.ok_or_else(|| de::Error::custom("no record"))?)
+            }
+            Saved::Rejected {
+                rod,
+                start_ns,
+                duration_s,
+                fs_hz,
+                waveform,
+                rejection,
+            } => Event::Rejected {
+                rod,
+                start: start_ns.map(Timestamp::from_nanos),
+                duration_s,
+                fs_hz,
+                waveform,
+                rejection: serde_json::from_str(&rejection).map_err(de::Error::custom)?,
+            },
+        })
     }
 }

@@ -25,7 +25,6 @@ use super::companions;
 use super::compensated::Compensated;
 use super::others::{MOVING, Others};
 use super::period::{Charted, Evidence, Period};
-use super::regressors::FILTERS_D;
 use super::{BankPrior, Companions, Detector, Law, Regressors, Seen, ThermalPrior};
 use finding::Above;
 use serde::{Deserialize, Serialize};
@@ -340,6 +339,7 @@ const SHOWN: usize = 1;
 #[cfg(test)]
 mod tests {
     use super::super::period::start_of;
+    use super::super::regressors::FILTERS_D;
     use super::*;
 
     const DAY_S: f64 = 86_400.0;

@@ -214,6 +214,7 @@ impl Tracker {
                     self.unusable(reason, self.known_at(time));
                 }
             }
+            Input::Readings(readings) => self.keep_readings(readings),
             Input::Identified(observation) => self.take(observation, peers, others, &mut verdict),
         }
         if let Some(time) = self.state.latest {

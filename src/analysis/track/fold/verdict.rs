@@ -22,6 +22,8 @@ pub enum Input {
         /// Temperature readings that came with it.
         readings: Vec<Reading>,
     },
+    /// It says nothing of the rod: its temperature readings alone count.
+    Readings(Vec<Reading>),
 }
 
 /// State of a rod.

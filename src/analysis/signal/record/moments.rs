@@ -1,0 +1,566 @@
+//! Records of a rod's sensors by moments: a fold over the sensors' own times.
+//!
+//! What begins first makes the moment, with what each other sensor has in common with half of the shorter. It closes when every
+//! other sensor has such a record, or no sample left that could become one, or has ended, or is further behind than the rod waits. So
+//! the moments follow from the sensors' histories, not from the progress of reading; what lags beyond the wait is late, and said to be.
+
+use super::{Event, Record, Rejection, RodId, Timestamp};
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// Least common part of two records of one moment, as a share of the shorter.
+const COMMON: f64 = 0.5;
+/// Most moments without a sensor that are remembered, to know its late records by.
+const REMEMBERED: usize = 1024;
+
+/// One moment of a rod with several sensors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Moment {
+    /// Id of the rod.
+    pub rod: RodId,
+    /// Records and refused stretches, at most one of a sensor, ascending in its number from 0. All records have the
+    /// temperature of the first.
+    pub seen: Vec<(usize, Event)>,
+    /// Sensors that gave nothing.
+    pub absent: Vec<usize>,
+}
+
+impl Moment {
+    /// The records, each with the number of its sensor.
+    pub fn records(&self) -> impl Iterator<Item = (usize, &Record)> {
+        self.seen.iter().filter_map(|(sensor, event)| match event {
+            Event::Record(record) => Some((*sensor, record)),
+            _ => None,
+        })
+    }
+}
+
+/// Records of a rod's sensors on their way into moments.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Moments {
+    rod: RodId,
+    /// Furthest that a sensor may be behind another and is still waited for \[s\].
+    #[serde(skip)]
+    wait_s: f64,
+    sensors: Vec<Sensor>,
+    /// Latest moments that some sensor is not in.
+    closed: VecDeque<Closed>,
+    /// Sensor whose record gave the latest moment's temperature.
+    thermometer: usize,
+}
+
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct Sensor {
+    pieces: Vec<Piece>,
+    /// No event still to come begins earlier, and none is complete earlier than `until`; both from the rod's first sample on.
+    from: Option<Timestamp>,
+    until: Option<Timestamp>,
+    /// True if its stream ended, and nothing has come since.
+    has_ended: bool,
+}
+
+/// An event with its span and the time at which it was complete.
+#[derive(Debug, Serialize, Deserialize)]
+struct Piece {
+    span: Span,
+    at: Timestamp,
+    #[serde(with = "super::saved::event")]
+    event: Event,
+}
+
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct Span {
+    start: Timestamp,
+    end: Timestamp,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct Closed {
+    span: Span,
+    absent: Vec<usize>,
+}
+
+impl Span {
+    /// Span of a record or a refused stretch; `None` for one of no length.
+    fn of(event: &Event) -> Option<Self> {
+        let (start, duration_s) = match event {
+            Event::Record(record) => (record.start, record.duration_s()),
+            Event::Rejected {
+                start, duration_s, ..
+            } => ((*start)?, *duration_s),
+            Event::Readings { .. } | Event::Moment(_) => return None,
+        };
+        let end = start.plus_seconds(duration_s);
+        (end > start).then_some(Self { start, end })
+    }
+
+    /// Length in common \[s\], if it is half of the shorter.
+    fn common_s(self, other: Self) -> Option<f64> {
+        let common_s = self.end.min(other.end).seconds_since(self.start.max(other.start));
+        let shorter_s = self.length_s().min(other.length_s());
+        (common_s >= COMMON * shorter_s).then_some(common_s)
+    }
+
+    fn length_s(self) -> f64 {
+        self.end.seconds_since(self.start)
+    }
+}
+
+impl Piece {
+    fn is_record(&self) -> bool {
+        matches!(self.event, Event::Record(_))
+    }
+}
+
+impl Moments {
+    /// No records yet of `sensors` sensors; one that is more than `wait_s` behind another is not waited for \[s\].
+    pub fn new(rod: RodId, sensors: usize, wait_s: f64) -> Self {
+        Self {
+            rod,
+            wait_s,
+            sensors: (0..sensors).map(|_| Sensor::default()).collect(),
+            closed: VecDeque::new(),
+            thermometer: 0,
+        }
+    }
+
+    /// Its state, for [`Moments::resume`].
+    ///
+    /// # Errors
+    /// It cannot be encoded, which no input brings about.
+    pub fn save(&self) -> Result<Vec<u8>, postcard::Error> {
+        postcard::to_stdvec(self)
+    }
+
+    /// Continues from a saved state with the same number of sensors.
+    ///
+    /// # Errors
+    /// The bytes are no such state: nothing is changed.
+    pub fn resume(&mut self, saved: &[u8]) -> Result<(), postcard::Error> {
+        let state: Self = postcard::from_bytes(saved)?;
+        if state.sensors.len() != self.sensors.len() {
+            return Err(postcard::Error::DeserializeBadEncoding);
+        }
+        *self = Self {
+            wait_s: self.wait_s,
+            ..state
+        };
+        Ok(())
+    }
+
+    /// Notes the progress of a sensor: no event still to come begins before `from`, or is complete before `until`.
+    pub fn note(&mut self, sensor: usize, from: Timestamp, until: Timestamp) {
+        self.begin(from);
+        if let Some(sensor) = self.sensors.get_mut(sensor) {
+            (sensor.from, sensor.until) = (Some(from), Some(until));
+            sensor.has_ended = false;
+        }
+    }
+
+    /// Notes that a sensor's stream ended: it is not waited for.
+    pub fn end(&mut self, sensor: usize) {
+        if let Some(sensor) = self.sensors.get_mut(sensor) {
+            sensor.has_ended = true;
+        }
+    }
+
+    /// True if progress matters: something waits, or nothing was noted yet.
+    pub fn is_waiting(&self) -> bool {
+        let mut sensors = self.sensors.iter();
+        sensors.any(|sensor| !sensor.pieces.is_empty() || sensor.until.is_none())
+    }
+
+    /// True if the temperatures since the latest moment are those that this sensor's records bring.
+    pub fn gives_temperature(&self, sensor: usize) -> bool {
+        self.thermometer == sensor
+    }
+
+    /// Takes an event of a sensor, complete at a time; returns it as a moment of its own if it cannot wait for others.
+    pub fn push(&mut self, sensor: usize, at: Timestamp, event: Event) -> Option<(Timestamp, Moment)> {
+        let Some(span) = Span::of(&event) else {
+            return Some((at, self.alone(sensor, event)));
+        };
+        let is_late = self
+            .closed
+            .iter()
+            .any(|closed| closed.absent.contains(&sensor) && closed.span.common_s(span).is_some());
+        // What was before those remembered is not known.
+        let is_old = self.closed.len() == REMEMBERED
+            && self
+                .closed
+                .front()
+                .is_some_and(|oldest| span.end <= oldest.span.start);
+        if is_late || is_old {
+            let event = match event {
+                Event::Record(record) => Event::Rejected {
+                    start: Some(record.start),
+                    duration_s: record.duration_s(),
+                    fs_hz: Some(record.fs_hz),
+                    rod: record.rod,
+                    waveform: None,
+                    rejection: Rejection::LateSensor,
+                },
+                other => other,
+            };
+            return Some((at, self.alone(sensor, event)));
+        }
+        self.begin(span.start);
+        let own = self.sensors.get_mut(sensor)?;
+        own.until = own.until.max(Some(at));
+        own.pieces.push(Piece { span, at, event });
+        None
+    }
+
+    /// The next moment, complete at a time, if it is closed; with `all`, whatever may still come.
+    pub fn next(&mut self, all: bool) -> Option<(Timestamp, Moment)> {
+        let pieces = self.sensors.iter().enumerate().flat_map(|(sensor, own)| {
+            let numbered = own.pieces.iter().enumerate();
+            numbered.map(move |(i, piece)| (piece.span.start, sensor, i))
+        });
+        // A refused stretch beside a record of another sensor waits for that one's moment.
+        let (_, sensor, i) = pieces
+            .filter(|&(_, sensor, i)| {
+                let piece = &self.sensors[sensor].pieces[i];
+                piece.is_record() || !self.has_record_beside(sensor, piece.span)
+            })
+            .min()?;
+        if !(all || self.is_closed(sensor, self.sensors[sensor].pieces[i].span)) {
+            return None;
+        }
+        Some(self.take(sensor, i))
+    }
+
+    /// Events that wait.
+    pub fn waiting(&self) -> impl Iterator<Item = &Event> {
+        self.sensors
+            .iter()
+            .flat_map(|sensor| sensor.pieces.iter().map(|piece| &piece.event))
+    }
+
+    /// Earliest completion time of the moments still to come, but for those of sensors that are not waited for; `None` if no sensor
+    /// is `alive`.
+    pub fn complete_until(&self, is_alive: impl Fn(usize) -> bool) -> Option<Timestamp> {
+        let waiting = self
+            .sensors
+            .iter()
+            .flat_map(|sensor| sensor.pieces.iter().map(|piece| piece.at));
+        let alive = self.sensors.iter().enumerate();
+        let alive = alive.filter(|(number, sensor)| is_alive(*number) && !self.is_behind(sensor));
+        waiting.chain(alive.filter_map(|(_, sensor)| sensor.until)).min()
+    }
+
+    /// A sensor that is not heard yet is behind from the rod's first sample on.
+    fn begin(&mut self, first: Timestamp) {
+        if self.sensors.iter().all(|sensor| sensor.until.is_none()) {
+            for sensor in &mut self.sensors {
+                (sensor.from, sensor.until) = (Some(first), Some(first));
+            }
+        }
+    }
+
+    fn has_record_beside(&self, sensor: usize, span: Span) -> bool {
+        let others = self.sensors.iter().enumerate();
+        let mut others = others
+            .filter(|(other, _)| *other != sensor)
+            .flat_map(|(_, other)| &other.pieces);
+        others.any(|piece| piece.is_record() && piece.span.common_s(span).is_some())
+    }
+
+    fn is_behind(&self, sensor: &Sensor) -> bool {
+        let newest = self.sensors.iter().filter_map(|sensor| sensor.until).max();
+        newest
+            .zip(sensor.until)
+            .is_some_and(|(newest, until)| newest.seconds_since(until) > self.wait_s)
+    }
+
+    /// True if no other sensor can bring anything of a moment any more.
+    fn is_closed(&self, sensor: usize, span: Span) -> bool {
+        let others = self.sensors.iter().enumerate();
+        others.filter(|(other, _)| *other != sensor).all(|(_, other)| {
+            // A record, or a refused stretch that leaves no room for one.
+            let has_its = other.pieces.iter().any(|piece| {
+                let common_s = piece.span.common_s(span);
+                let least_s = if piece.is_record() {
+                    0.0
+                } else {
+                    COMMON * span.length_s()
+                };
+                common_s.is_some_and(|common_s| common_s >= least_s)
+            });
+            let has_passed = other.from.is_some_and(|from| from >= span.end);
+            has_its || has_passed || other.has_ended || self.is_behind(other)
+        })
+    }
+
+    /// Takes the moment of a piece out.
+    fn take(&mut self, sensor: usize, i: usize) -> (Timestamp, Moment) {
+        let first = self.sensors[sensor].pieces.remove(i);
+        let (span, has_record) = (first.span, first.is_record());
+        let mut at = first.at;
+        let mut seen = vec![(sensor, first.event)];
+        for (other, own) in self.sensors.iter_mut().enumerate() {
+            if other == sensor {
+                continue;
+            }
+            // A record before a refused stretch, then what has most in common, then the earlier.
+            let best = own
+                .pieces
+                .iter()
+                .enumerate()
+                .filter_map(|(i, piece)| {
+                    let common_s = piece.span.common_s(span)?;
+                    (has_record || !piece.is_record()).then_some((i, piece.is_record(), common_s))
+                })
+                .reduce(|best, next| match (next.1, next.2) > (best.1, best.2) {
+                    true => next,
+                    false => best,
+                });
+            if let Some((i, ..)) = best {
+                let piece = own.pieces.remove(i);
+                at = at.max(piece.at);
+                seen.push((other, piece.event));
+            }
+        }
+        seen.sort_by_key(|(sensor, _)| *sensor);
+        let is_absent = |sensor: &usize| seen.iter().all(|(seen, _)| seen != sensor);
+        let absent: Vec<usize> = (0..self.sensors.len()).filter(is_absent).collect();
+        if has_record && !absent.is_empty() {
+            if self.closed.len() == REMEMBERED {
+                self.closed.pop_front();
+            }
+            self.closed.push_back(Closed {
+                span,
+                absent: absent.clone(),
+            });
+        }
+        let rod = self.rod.clone();
+        let mut moment = Moment { rod, seen, absent };
+        if let Some(sensor) = moment.share_temperature() {
+            self.thermometer = sensor;
+        }
+        (at, moment)
+    }
+
+    fn alone(&self, sensor: usize, event: Event) -> Moment {
+        Moment {
+            rod: self.rod.clone(),
+            seen: vec![(sensor, event)],
+            absent: Vec::new(),
+        }
+    }
+}
+
+impl Moment {
+    /// Gives all records the temperature of the first, so that whichever leads has it; returns that one's sensor.
+    fn share_temperature(&mut self) -> Option<usize> {
+        let mut records = self.seen.iter_mut().filter_map(|(sensor, event)| match event {
+            Event::Record(record) => Some((*sensor, record)),
+            _ => None,
+        });
+        let (sensor, first) = records.next()?;
+        for (_, other) in records {
+            other.temperature_c = first.temperature_c;
+            other.readings.clone_from(&first.readings);
+        }
+        Some(sensor)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::record::Reading;
+    use rand::rngs::ChaCha8Rng;
+    use rand::{RngExt, SeedableRng};
+
+    const WAIT_S: f64 = 3600.0;
+
+    fn time(seconds: i64) -> Timestamp {
+        Timestamp::from_nanos(seconds * 1_000_000_000)
+    }
+
+    /// A record of one sample a second, with a temperature that tells the sensor.
+    fn record(sensor: usize, (from, to): (i64, i64)) -> Event {
+        Event::Record(Record {
+            rod: RodId::from("a"),
+            start: time(from),
+            fs_hz: 1.0,
+            samples: vec![0.0; usize::try_from(to - from).unwrap()],
+            temperature_c: Some(sensor as f64),
+            readings: vec![Reading {
+                time: time(from),
+                celsius: sensor as f64,
+            }],
+            excitation: None,
+            clock_sd: 0.0,
+            flags: Vec::new(),
+        })
+    }
+
+    fn refused((from, to): (i64, i64)) -> Event {
+        Event::Rejected {
+            rod: RodId::from("a"),
+            start: Some(time(from)),
+            duration_s: (to - from) as f64,
+            fs_hz: None,
+            waveform: None,
+            rejection: Rejection::Clipped {
+                share: 0.5,
+                allowed: 0.1,
+            },
+        }
+    }
+
+    fn moments(sensors: usize) -> Moments {
+        Moments::new(RodId::from("a"), sensors, WAIT_S)
+    }
+
+    /// A sensor's progress, as its assembler tells it: an event and, behind it, samples of the next from its end on.
+    fn comes(moments: &mut Moments, sensor: usize, event: Event) -> Option<String> {
+        let end = Span::of(&event).map_or(time(0), |span| span.end);
+        let alone = moments.push(sensor, end, event);
+        moments.note(sensor, end, end.plus_seconds(1.0));
+        alone.map(|(_, moment)| shown(&moment))
+    }
+
+    fn shown(moment: &Moment) -> String {
+        let seen = moment.seen.iter().map(|(sensor, event)| {
+            let span = Span::of(event).map_or(0, |span| span.start.as_nanos() / 1_000_000_000);
+            match event {
+                Event::Record(_) => format!("{sensor}@{span}"),
+                Event::Rejected { rejection, .. } => format!("{sensor}@{span}:{}", rejection.code()),
+                _ => "?".to_owned(),
+            }
+        });
+        let seen: Vec<String> = seen.collect();
+        format!("{} -{:?}", seen.join(" "), moment.absent)
+    }
+
+    fn closed(moments: &mut Moments, all: bool) -> Vec<String> {
+        std::iter::from_fn(|| moments.next(all).map(|(_, moment)| shown(&moment))).collect()
+    }
+
+    #[test]
+    fn what_is_of_one_time_is_one_moment_whatever_is_read_first() {
+        // Windows of three sensors at offsets of their own; the second has two holes, the third refuses one.
+        let mut events: Vec<(usize, (i64, i64), bool)> = Vec::new();
+        for i in 0..40 {
+            events.push((0, (600 * i, 600 * i + 600), true));
+            if i % 13 != 5 {
+                events.push((1, (600 * i + 20, 600 * i + 610), true));
+            }
+            events.push((2, (600 * i - 30, 600 * i + 569), i != 7));
+        }
+        let run = |seed: u64| {
+            let (mut rng, mut moments) = (ChaCha8Rng::seed_from_u64(seed), moments(3));
+            let (mut left, mut found) = (events.clone(), Vec::new());
+            left.sort_by_key(|(sensor, (_, end), _)| (*end, *sensor));
+            while !left.is_empty() {
+                // Any sensor may be ahead of the others by up to three records, and a restart may come at any time.
+                let sensor = left[rng.random_range(0..left.len().min(4))].0;
+                let at = left.iter().position(|(own, ..)| *own == sensor).unwrap();
+                let (sensor, span, is_good) = left.remove(at);
+                let event = if is_good {
+                    record(sensor, span)
+                } else {
+                    refused(span)
+                };
+                assert_eq!(comes(&mut moments, sensor, event), None);
+                if rng.random_bool(0.2) {
+                    let saved = moments.save().unwrap();
+                    moments = self::moments(3);
+                    moments.resume(&saved).unwrap();
+                }
+                found.extend(closed(&mut moments, false));
+            }
+            found.extend(closed(&mut moments, true));
+            found
+        };
+        let expected = run(0);
+        assert_eq!(expected.len(), 40);
+        assert_eq!(expected[3], "0@1800 1@1820 2@1770 -[]");
+        assert_eq!(expected[5], "0@3000 2@2970 -[1]");
+        assert_eq!(expected[7], "0@4200 1@4220 2@4170:clipped -[]");
+        for seed in 1..60 {
+            assert_eq!(run(seed), expected, "seed {seed}");
+        }
+    }
+
+    #[test]
+    fn a_sensor_that_dies_is_waited_for_once_and_its_late_records_are_named() {
+        let mut moments = moments(2);
+        let mut found = Vec::new();
+        for i in 0..12 {
+            let span = (600 * i, 600 * i + 600);
+            comes(&mut moments, 0, record(0, span));
+            if i < 2 {
+                comes(&mut moments, 1, record(1, span));
+            }
+            found.push(closed(&mut moments, false).len());
+        }
+        // The second was heard until 1201 s: it is more than an hour behind from 4801 s on.
+        assert_eq!(found, [1, 1, 0, 0, 0, 0, 0, 0, 7, 1, 1, 1]);
+        let late = comes(&mut moments, 1, record(1, (1800, 2400)));
+        assert_eq!(late.as_deref(), Some("1@1800:late-sensor -[]"));
+        // What nobody had at that time is no less worth for being late.
+        assert_eq!(comes(&mut moments, 1, record(1, (-5000, -4400))), None);
+        // It goes on beside the other.
+        comes(&mut moments, 1, record(1, (7200, 7800)));
+        comes(&mut moments, 0, record(0, (7200, 7800)));
+        assert_eq!(closed(&mut moments, false), ["1@-5000 -[0]", "0@7200 1@7200 -[]"]);
+    }
+
+    #[test]
+    fn one_that_never_comes_is_behind_from_the_first_sample_on() {
+        let mut moments = moments(2);
+        comes(&mut moments, 1, record(1, (0, 1800)));
+        assert!(closed(&mut moments, false).is_empty() && moments.is_waiting());
+        comes(&mut moments, 1, record(1, (1800, 3600)));
+        assert_eq!(closed(&mut moments, false), ["1@0 -[0]", "1@1800 -[0]"]);
+        // One that ended is not waited for.
+        let mut moments = self::moments(2);
+        comes(&mut moments, 0, record(0, (0, 600)));
+        moments.end(0);
+        comes(&mut moments, 1, record(1, (100, 500)));
+        comes(&mut moments, 1, record(1, (500, 1000)));
+        assert_eq!(closed(&mut moments, false), ["0@0 1@100 -[]", "1@500 -[0]"]);
+        comes(&mut moments, 0, record(0, (900, 1500)));
+        comes(&mut moments, 1, record(1, (1000, 1400)));
+        assert_eq!(closed(&mut moments, false), ["0@900 1@1000 -[]"]);
+    }
+
+    #[test]
+    fn a_refused_stretch_belongs_to_the_record_beside_it_or_is_told_alone() {
+        let mut moments = moments(2);
+        // Ten seconds that are too short, before the record of the same sensor.
+        comes(&mut moments, 1, refused((-1, 9)));
+        comes(&mut moments, 1, record(1, (12, 600)));
+        comes(&mut moments, 0, record(0, (0, 600)));
+        comes(&mut moments, 0, record(0, (600, 1200)));
+        comes(&mut moments, 1, record(1, (600, 1200)));
+        let found = closed(&mut moments, false);
+        assert_eq!(found, ["0@0 1@12 -[]", "1@-1:clipped -[0]", "0@600 1@600 -[]"]);
+        // Both are refused.
+        comes(&mut moments, 0, refused((1200, 1800)));
+        comes(&mut moments, 1, refused((1201, 1801)));
+        assert_eq!(closed(&mut moments, false), ["0@1200:clipped 1@1201:clipped -[]"]);
+        // One of no length has no moment.
+        let alone = comes(&mut moments, 0, refused((1800, 1800)));
+        assert_eq!(alone.as_deref(), Some("0@0:clipped -[]"));
+    }
+
+    #[test]
+    fn whichever_record_leads_has_the_temperature_of_the_first() {
+        let mut moments = moments(3);
+        for sensor in [2, 1] {
+            comes(&mut moments, sensor, record(sensor, (0, 600)));
+        }
+        let (_, moment) = moments.next(true).unwrap();
+        let celsius: Vec<_> = moment
+            .records()
+            .map(|(_, record)| (record.temperature_c, record.readings[0].celsius))
+            .collect();
+        assert_eq!(celsius, [(Some(1.0), 1.0); 2]);
+        assert!(moments.gives_temperature(1) && !moments.gives_temperature(2));
+    }
+}

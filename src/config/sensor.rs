@@ -11,6 +11,9 @@ const GAIN_ERROR: f64 = 0.01;
 /// Default of the standard error of a sensor's place \[m\]: a tape measure's.
 const PLACE_ERROR_M: f64 = 0.01;
 
+/// Least time for which a sensor of a rod is waited for \[s\]: sensors that run together come in turn.
+const LEAST_WAIT_S: f64 = 60.0;
+
 /// A further sensor as written.
 pub(super) struct Further {
     pub(super) channel: Channel,
@@ -50,6 +53,7 @@ pub(super) fn all(
             .map(|own| named(&own.channel, (own.at, own.at_sd_m, own.gain_sd))),
     );
     let channels = further.into_iter().map(|further| further.channel).collect();
+    let wait_s = wait_s.max(LEAST_WAIT_S);
     (sensors, Beside { channels, wait_s })
 }
 

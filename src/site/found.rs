@@ -321,6 +321,7 @@ mod tests {
                 measurement: None,
                 labels: None,
                 waveform: None,
+                sensors: None,
             }))
         };
         let level = |ratio| Rejection::Level { ratio, time_s: 1.0 };

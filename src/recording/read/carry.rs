@@ -131,7 +131,7 @@ pub(super) fn decode(
             .position(|rod| rod.config.rod == saved.rod && rod.moments.is_some());
         let at = at.filter(|at| all_cut_by(&router, *at, settings) == saved.cut_by);
         let moments = at.and_then(|at| router.rods.get_mut(at)?.moments.as_mut());
-        if !moments.is_some_and(|moments| moments.resume(&saved.moments).is_ok()) {
+        if moments.is_none_or(|moments| moments.resume(&saved.moments).is_err()) {
             lost.push(format!(
                 "rod {}: its sensors or the record settings changed; what waited for the records of other sensors is left out",
                 saved.rod

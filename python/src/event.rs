@@ -8,19 +8,32 @@ use std::sync::{Mutex, PoisonError};
 use tirante::Event as Inner;
 use tirante::recording::read::SourceError;
 
-/// A record, a stretch that makes none, or temperatures beside records.
+/// A record, a stretch that makes none, or temperatures beside records. Of a rod with several sensors all that they recorded at one
+/// moment: samples and facts are those of the first, and `Site.identify` uses all of them.
 #[pyclass(frozen, module = "tirante._core")]
 pub struct Event(pub(crate) Inner);
+
+impl Event {
+    /// Of the sensors of one moment the first record, or else the first refused stretch.
+    fn first(&self) -> &Inner {
+        let Inner::Moment(moment) = &self.0 else {
+            return &self.0;
+        };
+        let mut seen = moment.seen.iter().map(|(_, event)| event);
+        let record = seen.clone().find(|event| matches!(event, Inner::Record(_)));
+        record.or_else(|| seen.next()).unwrap_or(&self.0)
+    }
+}
 
 #[pymethods]
 impl Event {
     /// `record`, `rejected` or `readings`.
     #[getter]
     fn kind(&self) -> &'static str {
-        match self.0 {
+        match self.first() {
             Inner::Record(_) => "record",
-            Inner::Rejected { .. } => "rejected",
             Inner::Readings { .. } => "readings",
+            Inner::Rejected { .. } | Inner::Moment(_) => "rejected",
         }
     }
 
@@ -33,37 +46,38 @@ impl Event {
     /// Time of the first sample, nanoseconds since 1970.
     #[getter]
     fn start_ns(&self) -> Option<i64> {
-        match &self.0 {
+        match self.first() {
             Inner::Record(record) => Some(record.start.as_nanos()),
             Inner::Rejected { start, .. } => start.map(|start| start.as_nanos()),
             Inner::Readings { readings, .. } => readings.first().map(|first| first.time.as_nanos()),
+            Inner::Moment(_) => None,
         }
     }
 
     /// Length in seconds.
     #[getter]
     fn duration_s(&self) -> Option<f64> {
-        match &self.0 {
+        match self.first() {
             Inner::Record(record) => Some(record.duration_s()),
             Inner::Rejected { duration_s, .. } => Some(*duration_s),
-            Inner::Readings { .. } => None,
+            Inner::Readings { .. } | Inner::Moment(_) => None,
         }
     }
 
     /// Sample rate in hertz.
     #[getter]
     fn fs_hz(&self) -> Option<f64> {
-        match &self.0 {
+        match self.first() {
             Inner::Record(record) => Some(record.fs_hz),
             Inner::Rejected { fs_hz, .. } => *fs_hz,
-            Inner::Readings { .. } => None,
+            Inner::Readings { .. } | Inner::Moment(_) => None,
         }
     }
 
     /// Mean temperature during a record, degrees Celsius.
     #[getter]
     fn temperature_c(&self) -> Option<f64> {
-        match &self.0 {
+        match self.first() {
             Inner::Record(record) => record.temperature_c,
             _ => None,
         }
@@ -72,7 +86,7 @@ impl Event {
     /// Reason why a stretch makes no record.
     #[getter]
     fn reason(&self) -> Option<String> {
-        match &self.0 {
+        match self.first() {
             Inner::Rejected { rejection, .. } => Some(rejection.to_string()),
             _ => None,
         }
@@ -81,10 +95,10 @@ impl Event {
     /// Temperature readings: nanoseconds since 1970, degrees Celsius.
     #[getter]
     fn readings(&self) -> Vec<(i64, f64)> {
-        let readings = match &self.0 {
+        let readings = match self.first() {
             Inner::Record(record) => &record.readings[..],
             Inner::Readings { readings, .. } => readings,
-            Inner::Rejected { .. } => &[],
+            Inner::Rejected { .. } | Inner::Moment(_) => &[],
         };
         readings
             .iter()
@@ -94,7 +108,7 @@ impl Event {
 
     /// Copy of a record's samples, SI of their unit.
     fn samples<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
-        match &self.0 {
+        match self.first() {
             Inner::Record(record) => Some(PyArray1::from_slice(py, &record.samples)),
             _ => None,
         }

@@ -333,6 +333,10 @@ impl Tally {
 
     /// Counts the sensors that a record leaves out; one that the rod's record before had is told.
     fn leave_out(&mut self, rod: &RodId, start: Option<Timestamp>, sensors: &Sensors, bar: &Progress) {
+        // What is refused of one sensor is no moment of the rod: that has a row of its own.
+        if sensors.is_of_one() {
+            return;
+        }
         let before = self.out_now.remove(rod).unwrap_or_default();
         for LeftOut { sensor, why } in &sensors.left_out {
             *self.without.entry((rod.clone(), sensor.clone())).or_default() += 1;

@@ -89,11 +89,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let Some(listener) = http::listen(&settings)? else {
         return Ok(ExitCode::SUCCESS);
     };
-    tell!(
-        "{} at http://{}  (Ctrl-C ends it)",
-        path.display(),
-        listener.local_addr()?
-    );
+    let address = listener.local_addr()?;
+    let store = path.display().to_string();
     let (stop, stopped) = watch::channel(false);
     let shown = Shown::new(&path);
     let ask = move |rod, what| ask(&path, &[(rod, what)], clock::now()).map_err(|error| format!("{error:#}"));
@@ -105,6 +102,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     runtime.block_on(async {
         let (mut interrupt, mut terminate) =
             (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+        // Only now: a signal before would end it as a failure.
+        tell!("{store} at http://{address}  (Ctrl-C ends it)");
         tokio::spawn(shown.watch(stopped.clone()));
         tokio::spawn(async move {
             tokio::select! {

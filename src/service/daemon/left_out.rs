@@ -17,6 +17,9 @@ fn about(rod: &RodId, sensor: &str) -> String {
 impl Runs {
     /// Takes the sensors of a rod's record; `patience` records in a row without one are a condition.
     pub fn take(&mut self, rod: &RodId, sensors: &Sensors, patience: usize, health: &Health) {
+        if sensors.is_of_one() {
+            return;
+        }
         for sensor in &sensors.used {
             self.0.remove(&(rod.clone(), sensor.clone()));
             health.over(Fault::LeftOut, &about(rod, sensor));

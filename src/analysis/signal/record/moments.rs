@@ -1,8 +1,9 @@
 //! Records of a rod's sensors by moments: a fold over the sensors' own times.
 //!
-//! What begins first makes the moment, with what each other sensor has in common with half of the shorter. It closes when every
-//! other sensor has such a record, or no sample left that could become one, or has ended, or is further behind than the rod waits. So
-//! the moments follow from the sensors' histories, not from the progress of reading; what lags beyond the wait is late, and said to be.
+//! What begins first makes the moment, with what each other sensor has in common with half of the shorter, the longest part of several.
+//! It closes when every other sensor has a record that none still to come can surpass, or no sample left that could become one, or has
+//! ended, or is further behind than the rod waits. So the moments follow from the sensors' histories, not from the progress of reading;
+//! what lags beyond the wait is late, and said to be. A motion makes one moment: a further record of its time is late as well.
 
 use super::{Event, Record, Rejection, RodId, Timestamp};
 use serde::{Deserialize, Serialize};
@@ -10,8 +11,10 @@ use std::collections::VecDeque;
 
 /// Least common part of two records of one moment, as a share of the shorter.
 const COMMON: f64 = 0.5;
-/// Most moments without a sensor that are remembered, to know its late records by.
-const REMEMBERED: usize = 1024;
+/// Most records in moments that are remembered, to know late ones by.
+const REMEMBERED: usize = 4096;
+/// Most events of a sensor that wait: beyond, a moment closes as it is. Only a clock that stands still brings so many about.
+const WAITING: usize = 1024;
 
 /// One moment of a rod with several sensors.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,8 +46,8 @@ pub struct Moments {
     #[serde(skip)]
     wait_s: f64,
     sensors: Vec<Sensor>,
-    /// Latest moments that some sensor is not in.
-    closed: VecDeque<Closed>,
+    /// Spans of the latest records in moments.
+    closed: VecDeque<Span>,
     /// Sensor whose record gave the latest moment's temperature.
     thermometer: usize,
 }
@@ -72,12 +75,6 @@ struct Piece {
 struct Span {
     start: Timestamp,
     end: Timestamp,
-}
-
-#[derive(Debug, Serialize, Deserialize)]
-struct Closed {
-    span: Span,
-    absent: Vec<usize>,
 }
 
 impl Span {
@@ -180,29 +177,8 @@ impl Moments {
         let Some(span) = Span::of(&event) else {
             return Some((at, self.alone(sensor, event)));
         };
-        let is_late = self
-            .closed
-            .iter()
-            .any(|closed| closed.absent.contains(&sensor) && closed.span.common_s(span).is_some());
-        // What was before those remembered is not known.
-        let is_old = self.closed.len() == REMEMBERED
-            && self
-                .closed
-                .front()
-                .is_some_and(|oldest| span.end <= oldest.span.start);
-        if is_late || is_old {
-            let event = match event {
-                Event::Record(record) => Event::Rejected {
-                    start: Some(record.start),
-                    duration_s: record.duration_s(),
-                    fs_hz: Some(record.fs_hz),
-                    rod: record.rod,
-                    waveform: None,
-                    rejection: Rejection::LateSensor,
-                },
-                other => other,
-            };
-            return Some((at, self.alone(sensor, event)));
+        if self.has_closed(span) {
+            return Some((at, self.late(sensor, event)));
         }
         self.begin(span.start);
         let own = self.sensors.get_mut(sensor)?;
@@ -224,7 +200,12 @@ impl Moments {
                 piece.is_record() || !self.has_record_beside(sensor, piece.span)
             })
             .min()?;
-        if !(all || self.is_closed(sensor, self.sensors[sensor].pieces[i].span)) {
+        if self.has_closed(self.sensors[sensor].pieces[i].span) {
+            let late = self.sensors[sensor].pieces.remove(i);
+            return Some((late.at, self.late(sensor, late.event)));
+        }
+        let is_full = self.sensors.iter().any(|own| own.pieces.len() > WAITING);
+        if !(all || is_full || self.is_closed(sensor, self.sensors[sensor].pieces[i].span)) {
             return None;
         }
         Some(self.take(sensor, i))
@@ -266,6 +247,15 @@ impl Moments {
         others.any(|piece| piece.is_record() && piece.span.common_s(span).is_some())
     }
 
+    /// True if most of a span, or of a record in a moment, is common to both.
+    fn has_closed(&self, span: Span) -> bool {
+        let is_of = |closed: &Span| {
+            let shorter_s = closed.length_s().min(span.length_s());
+            (closed.common_s(span)).is_some_and(|common_s| common_s > COMMON * shorter_s)
+        };
+        self.closed.iter().any(is_of)
+    }
+
     fn is_behind(&self, sensor: &Sensor) -> bool {
         let newest = self.sensors.iter().filter_map(|sensor| sensor.until).max();
         newest
@@ -277,16 +267,15 @@ impl Moments {
     fn is_closed(&self, sensor: usize, span: Span) -> bool {
         let others = self.sensors.iter().enumerate();
         others.filter(|(other, _)| *other != sensor).all(|(_, other)| {
-            // A record, or a refused stretch that leaves no room for one.
-            let has_its = other.pieces.iter().any(|piece| {
-                let common_s = piece.span.common_s(span);
-                let least_s = if piece.is_record() {
-                    0.0
-                } else {
-                    COMMON * span.length_s()
-                };
-                common_s.is_some_and(|common_s| common_s >= least_s)
-            });
+            let records = other.pieces.iter().filter(|piece| piece.is_record());
+            let best_s = records
+                .filter_map(|piece| piece.span.common_s(span))
+                .reduce(f64::max);
+            // The most that a record still to come can have in common.
+            let to_come_s = span
+                .end
+                .seconds_since(other.from.map_or(span.start, |from| from.max(span.start)));
+            let has_its = best_s.is_some_and(|best_s| best_s >= to_come_s);
             let has_passed = other.from.is_some_and(|from| from >= span.end);
             has_its || has_passed || other.has_ended || self.is_behind(other)
         })
@@ -296,6 +285,7 @@ impl Moments {
     fn take(&mut self, sensor: usize, i: usize) -> (Timestamp, Moment) {
         let first = self.sensors[sensor].pieces.remove(i);
         let (span, has_record) = (first.span, first.is_record());
+        let mut used = vec![span];
         let mut at = first.at;
         let mut seen = vec![(sensor, first.event)];
         for (other, own) in self.sensors.iter_mut().enumerate() {
@@ -318,20 +308,17 @@ impl Moments {
             if let Some((i, ..)) = best {
                 let piece = own.pieces.remove(i);
                 at = at.max(piece.at);
+                used.extend(piece.is_record().then_some(piece.span));
                 seen.push((other, piece.event));
             }
         }
         seen.sort_by_key(|(sensor, _)| *sensor);
         let is_absent = |sensor: &usize| seen.iter().all(|(seen, _)| seen != sensor);
-        let absent: Vec<usize> = (0..self.sensors.len()).filter(is_absent).collect();
-        if has_record && !absent.is_empty() {
-            if self.closed.len() == REMEMBERED {
-                self.closed.pop_front();
-            }
-            self.closed.push_back(Closed {
-                span,
-                absent: absent.clone(),
-            });
+        let absent = (0..self.sensors.len()).filter(is_absent).collect();
+        if has_record {
+            self.closed.extend(used);
+            let surplus = self.closed.len().saturating_sub(REMEMBERED);
+            self.closed.drain(..surplus);
         }
         let rod = self.rod.clone();
         let mut moment = Moment { rod, seen, absent };
@@ -339,6 +326,22 @@ impl Moments {
             self.thermometer = sensor;
         }
         (at, moment)
+    }
+
+    /// What comes of a motion that has its moment: refused if it is a record.
+    fn late(&self, sensor: usize, event: Event) -> Moment {
+        let event = match event {
+            Event::Record(record) => Event::Rejected {
+                start: Some(record.start),
+                duration_s: record.duration_s(),
+                fs_hz: Some(record.fs_hz),
+                rod: record.rod,
+                waveform: None,
+                rejection: Rejection::LateSensor,
+            },
+            other => other,
+        };
+        self.alone(sensor, event)
     }
 
     fn alone(&self, sensor: usize, event: Event) -> Moment {
@@ -539,7 +542,7 @@ mod tests {
         comes(&mut moments, 0, record(0, (600, 1200)));
         comes(&mut moments, 1, record(1, (600, 1200)));
         let found = closed(&mut moments, false);
-        assert_eq!(found, ["0@0 1@12 -[]", "1@-1:clipped -[0]", "0@600 1@600 -[]"]);
+        assert_eq!(found, ["0@0 1@12 -[]", "1@-1:clipped -[]", "0@600 1@600 -[]"]);
         // Both are refused.
         comes(&mut moments, 0, refused((1200, 1800)));
         comes(&mut moments, 1, refused((1201, 1801)));
@@ -547,6 +550,40 @@ mod tests {
         // One of no length has no moment.
         let alone = comes(&mut moments, 0, refused((1800, 1800)));
         assert_eq!(alone.as_deref(), Some("0@0:clipped -[]"));
+    }
+
+    #[test]
+    fn one_motion_makes_one_moment_whatever_is_read_first() {
+        // The second sensor's record is in two pieces; it may be read far ahead of the first, or in step.
+        for is_ahead in [false, true] {
+            let mut moments = moments(2);
+            let mut found = Vec::new();
+            if !is_ahead {
+                comes(&mut moments, 1, record(1, (0, 250)));
+            }
+            comes(&mut moments, 0, record(0, (0, 600)));
+            if is_ahead {
+                comes(&mut moments, 1, record(1, (0, 250)));
+            }
+            found.extend(closed(&mut moments, false));
+            comes(&mut moments, 1, record(1, (255, 855)));
+            found.extend(closed(&mut moments, false));
+            comes(&mut moments, 0, record(0, (600, 1200)));
+            comes(&mut moments, 1, record(1, (855, 1455)));
+            found.extend(closed(&mut moments, false));
+            assert_eq!(found, ["0@0 1@255 -[]", "1@0:late-sensor -[]", "0@600 1@855 -[]"]);
+        }
+    }
+
+    #[test]
+    fn older_data_are_taken_after_any_number_of_moments_without_a_sensor() {
+        let mut moments = moments(2);
+        for i in 0..2 * REMEMBERED as i64 {
+            comes(&mut moments, 0, record(0, (600 * i, 600 * i + 600)));
+            closed(&mut moments, false);
+        }
+        assert_eq!(comes(&mut moments, 0, record(0, (-6000, -5400))), None);
+        assert_eq!(closed(&mut moments, true)[0], "0@-6000 -[1]");
     }
 
     #[test]

@@ -16,7 +16,7 @@ use crate::signal::spectrum::{Peak, Transforms};
 
 /// Relative error of the model itself (sums for integrals, the negative-frequency pole): the floor of the
 /// errors of a decay 140 dB above its noise.
-const MODEL_SD: f64 = 3e-7;
+const MODEL_SD: f64 = 1e-7;
 /// Largest error of ln damping, and least damping, of a usable fit.
 const MOST_LOG_SD: f64 = 2.0;
 /// Scatter of the parts' frequencies over their errors that chance does not make: the 1 % point of two parts.

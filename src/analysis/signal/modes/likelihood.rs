@@ -115,7 +115,7 @@ const RATIO_LOG_MEDIAN: f64 = 6.0;
 const RATIO_LOG_SD: f64 = 6.0;
 /// Ambient response during a free decay, relative to the noise floor at the peak: its amplitude has a
 /// half-Cauchy prior, so that a level too low to be seen is not excluded.
-const DECAY_RATIO: f64 = 1.0;
+const DECAY_RATIO: f64 = 0.1;
 const SLOPE_SD: f64 = 0.5;
 
 fn log_prior(p: &Parameters, start: Start) -> f64 {

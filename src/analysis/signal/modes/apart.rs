@@ -9,8 +9,6 @@ use std::f64::consts::TAU;
 
 /// Distance of two fits that are judged together, over the sum of their half-power half-widths.
 const TOUCHING: f64 = 5.0;
-/// Distance of the farther mode in units of the standard error added, where one mode or two remains open.
-const OPEN_SHARE: f64 = 1.5;
 
 impl Stretch<'_> {
     /// Resonances of all fits: a fit of two close modes becomes two resonances, and wider errors where that
@@ -38,8 +36,8 @@ impl Stretch<'_> {
                 }
                 verdict => {
                     let mut one = fit.resonance;
-                    if let Pair::Open(far_hz) = verdict {
-                        one.frequency_sd_hz = one.frequency_sd_hz.hypot(far_hz / OPEN_SHARE);
+                    if let Pair::Open(sd_hz) = verdict {
+                        one.frequency_sd_hz = one.frequency_sd_hz.hypot(sd_hz);
                     }
                     found.push(one);
                     found.extend(next.map(|next| next.resonance));

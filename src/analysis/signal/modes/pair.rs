@@ -11,12 +11,18 @@ use rustfft::num_complex::Complex;
 /// Parameters: frequency and ln damping of each, ln of the second force's power and of the noise over the first's.
 const PARAMETERS: usize = 6;
 /// Twice the log-likelihood gain of the best of some guesses above which two modes are fitted.
-const WORTH_TRYING: f64 = 7.0;
+const WORTH_TRYING: f64 = 2.0;
 /// Twice the gain that makes two modes certain. Chi-square with three degrees of freedom exceeds it once in
 /// six thousand.
 const CERTAIN: f64 = 20.0;
-/// Twice the gain above which two modes remain possible.
+/// Twice the gain above which two modes are likelier than one.
 const OPEN: f64 = 9.0;
+/// Twice the gain above which they are as likely: a neighbour that pulls the single fit by two standard errors seldom gains more.
+const EVEN: f64 = 4.0;
+/// Distance of the farther mode in units of the standard error added, where the mode may be either of two.
+const FAR_SHARE: f64 = 1.5;
+/// The same of the nearer mode where one and two are as likely: the standard deviation of an even choice is half the distance.
+const NEAR_SHARE: f64 = 2.0;
 /// Least power of the weaker peak, as a share of the stronger one's.
 const LEAST_SHARE: f64 = 0.01;
 /// Squared relative change of the filter's gains below which they count as settled.
@@ -39,7 +45,7 @@ pub struct Member {
 pub enum Pair {
     /// One mode is enough.
     One,
-    /// Perhaps there are two; the distance \[Hz\] of one from the other, or from the single fit, if so.
+    /// Perhaps there are two; the standard error \[Hz\] that this adds to the single fit's frequency.
     Open(f64),
     /// Two modes, in the order of the guess, and the second's peak power over the first's.
     Two([Member; 2], f64),
@@ -123,14 +129,13 @@ pub fn pair(series: &Subband, single: Pole, noise: f64, guess: Option<[Pole; 2]>
         && members
             .iter()
             .all(|m| m.frequency_sd_hz.is_finite() && m.damping_log_sd < 1.0 && m.pole.damping < 0.1);
-    let far = members
-        .iter()
-        .map(|m| (m.pole.frequency_hz - single.frequency_hz).abs())
-        .fold(0.0, f64::max);
+    let [a, b] = members.map(|m| (m.pole.frequency_hz - single.frequency_hz).abs());
     if gain > CERTAIN && sane {
         Pair::Two(members, share)
     } else if gain > OPEN {
-        Pair::Open(far)
+        Pair::Open(a.max(b) / FAR_SHARE)
+    } else if gain > EVEN && guess.is_none() {
+        Pair::Open(a.min(b) / NEAR_SHARE)
     } else {
         Pair::One
     }

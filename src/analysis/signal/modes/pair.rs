@@ -10,15 +10,17 @@ use rustfft::num_complex::Complex;
 
 /// Parameters: frequency and ln damping of each, ln of the second force's power and of the noise over the first's.
 const PARAMETERS: usize = 6;
-/// Twice the log-likelihood gain of the best of some guesses above which two modes are fitted.
-const WORTH_TRYING: f64 = 2.0;
+/// Twice the log-likelihood gain of the best of some guesses above which they are improved.
+const WORTH_TRYING: f64 = 1.0;
+/// The same above which two modes are fitted.
+const WORTH_CLIMBING: f64 = 7.0;
 /// Twice the gain that makes two modes certain. Chi-square with three degrees of freedom exceeds it once in
 /// six thousand.
 const CERTAIN: f64 = 20.0;
 /// Twice the gain above which two modes are likelier than one.
 const OPEN: f64 = 9.0;
 /// Twice the gain above which they are as likely: a neighbour that pulls the single fit by two standard errors seldom gains more.
-const EVEN: f64 = 4.0;
+const EVEN: f64 = 3.0;
 /// Distance of the farther mode in units of the standard error added, where the mode may be either of two.
 const FAR_SHARE: f64 = 1.5;
 /// The same of the nearer mode where one and two are as likely: the standard deviation of an even choice is half the distance.
@@ -102,8 +104,18 @@ pub fn pair(series: &Subband, single: Pole, noise: f64, guess: Option<[Pole; 2]>
     let widths = [x[0] * x[1].exp(), x[2] * x[3].exp()];
     let step = [0.4 * widths[0], 0.35, 0.4 * widths[1], 0.35, 0.8, 0.5];
     let (value, x) = approach(&objective, value, x, step);
-    if guess.is_none() && gain_over(value, one) < WORTH_TRYING {
-        return Pair::One;
+    let moved = |x: &[f64; PARAMETERS]| [x[0], x[2]].map(|f| (f - single.frequency_hz).abs());
+    if guess.is_none() && gain_over(value, one) < WORTH_CLIMBING {
+        if gain_over(value, one) < WORTH_TRYING {
+            return Pair::One;
+        }
+        let (value, x) = approach(&objective, value, x, step.map(|s| 0.5 * s));
+        let [a, b] = moved(&x);
+        return if gain_over(value, one) > EVEN {
+            Pair::Open(a.min(b) / NEAR_SHARE)
+        } else {
+            Pair::One
+        };
     }
     let Some((x, value, covariance)) = climb(&objective, x) else {
         return Pair::One;
@@ -129,13 +141,11 @@ pub fn pair(series: &Subband, single: Pole, noise: f64, guess: Option<[Pole; 2]>
         && members
             .iter()
             .all(|m| m.frequency_sd_hz.is_finite() && m.damping_log_sd < 1.0 && m.pole.damping < 0.1);
-    let [a, b] = members.map(|m| (m.pole.frequency_hz - single.frequency_hz).abs());
+    let [a, b] = moved(&x);
     if gain > CERTAIN && sane {
         Pair::Two(members, share)
     } else if gain > OPEN {
         Pair::Open(a.max(b) / FAR_SHARE)
-    } else if gain > EVEN && guess.is_none() {
-        Pair::Open(a.min(b) / NEAR_SHARE)
     } else {
         Pair::One
     }

@@ -73,7 +73,7 @@ pub enum AnyFormat {
     Json,
     /// Comma-separated values (RFC 4180) with the unit in each column's name.
     Csv,
-    /// Parquet: the columns of the CSV, typed (only if built with `--features parquet`).
+    /// Parquet: the columns of the CSV, typed.
     Parquet,
     /// MCAP: records and alarms as messages, to open next to the recordings in Foxglove or Lichtblick.
     Mcap,
@@ -206,7 +206,6 @@ fn write_mcap(
     Ok(())
 }
 
-#[cfg(feature = "parquet")]
 fn write_parquet(
     reader: &Reader,
     filter: &Filter,
@@ -220,16 +219,6 @@ fn write_parquet(
         .into());
     }
     super::parquet::write(reader, filter, what, out)
-}
-
-#[cfg(not(feature = "parquet"))]
-fn write_parquet(_: &Reader, _: &Filter, _: What, _: &mut impl Write) -> anyhow::Result<()> {
-    Err(BadArguments(
-        "this program was built without Parquet: build it with `cargo build --release --features parquet`, or take \
-         --format csv, which holds the same columns"
-            .to_owned(),
-    )
-    .into())
 }
 
 /// Writes a listing of a store.

@@ -90,7 +90,7 @@ pub struct Args {
     #[command(flatten)]
     pub output: Output,
 
-    /// Write the posterior's draws to a file: .csv, .npy, or .parquet (only if built with `--features parquet`). Those of
+    /// Write the posterior's draws to a file: .csv, .npy, or .parquet. Those of
     /// a second record go to NAME-2.csv, and so on.
     #[arg(long, value_name = "FILE", value_parser = DrawsFile::parse)]
     pub draws_out: Option<DrawsFile>,

@@ -30,8 +30,9 @@ use std::process::ExitCode;
   tirante history --store site.db --format mcap --encoding cdr > ros2.mcap
 
 A '~' before a change or force says that it is not compensated for temperature,
-'!' or '?' before a force that it may be wrong: conflict, prior_tail and
-label_probability of --format csv say by what.")]
+'!' or '?' before a force that it may be wrong: conflict, prior_tail,
+label_probability and the ends axial_force_q025_n and axial_force_q975_n of
+--format csv say by what.")]
 pub struct Args {
     /// Store to read.
     #[command(flatten)]
@@ -422,7 +423,9 @@ impl Row<'_> {
     fn doubts(&self) -> Vec<Doubt> {
         let [conflict, prior_tail, label_probability] =
             ["conflict", "prior_tail", "label_probability"].map(|name| self.number(name));
-        Doubt::all(conflict, prior_tail, label_probability)
+        let ends = ["axial_force_q025_n", "axial_force_q975_n"].map(|name| self.number(name));
+        let interval = ends[0].zip(ends[1]).map(|(low, high)| [low, high]);
+        Doubt::all(conflict, prior_tail, label_probability, interval)
     }
 
     fn shown(&self, name: &str) -> String {

@@ -421,7 +421,10 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
         "  conflict {:.1}: standard deviations from the nearest frequencies the model can produce",
         conflict.score
     ));
-    findings::doubts(conflict).into_iter().for_each(&mut line);
+    let force = posterior.marginal(Quantity::AxialForce);
+    findings::doubts(conflict, force.as_ref())
+        .into_iter()
+        .for_each(&mut line);
     if let Some(shares) = &identification.hangs_on {
         line(String::new());
         findings::hangs_on(shares)

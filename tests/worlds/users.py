@@ -42,8 +42,8 @@ CLEAR = 5
 BETTER_DB, EXCHANGES = 10.0, 6
 # A force farther from the truth than this many standard deviations, and outside its interval, is wrong: chance gives one of 2000.
 WRONG_SD = 3.5
-# The program's own marks (docs/measure.md): conflict, prior, orders of the modes.
-CONFLICT, PRIOR_TAIL, CERTAIN = 3.0, 0.01, 0.99
+# The program's own marks (docs/measure.md): conflict, prior, orders of the modes, ratio of the interval's ends.
+CONFLICT, PRIOR_TAIL, CERTAIN, WIDE = 3.0, 0.01, 0.99, 10.0
 
 
 def rod_of(rng, force_n):
@@ -185,6 +185,9 @@ def marks(line):
         found.append("prior")
     if line["label_probability"] is not None and line["label_probability"] < CERTAIN:
         found.append("orders")
+    force = line["axial_force_n"]
+    if force["q975"] > WIDE * force["q025"]:
+        found.append("wide")
     return found
 
 

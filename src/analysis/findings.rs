@@ -152,6 +152,9 @@ pub struct Peak {
     pub sd_hz: f64,
     /// Damping ratio \[-\].
     pub damping: f64,
+    /// Standard error of the damping ratio \[-\]; `None` if the record does not determine it, and from older programs.
+    #[serde(default)]
+    pub damping_sd: Option<f64>,
     /// Height of the fitted peak over the fitted noise floor \[dB\].
     pub level_db: f64,
     /// Nature of the peak.
@@ -284,6 +287,9 @@ pub fn of_resonances(resonances: &[Resonance], modes: &[Mode], near_hz: f64, dur
                 frequency_hz: resonance.frequency_hz,
                 sd_hz: significant(resonance.frequency_sd_hz),
                 damping: significant(resonance.damping),
+                damping_sd: Some(resonance.damping * resonance.damping_log_sd)
+                    .filter(|sd| sd.is_finite())
+                    .map(significant),
                 level_db: rounded(10.0 * libm::log10(resonance.peak_to_noise.max(1e-30)), 100.0),
                 taken_for: nature(resonance, order, is_multiple_of_tone, duration_s),
                 order,

@@ -226,6 +226,7 @@ mod tests {
             line: true,
             sd_hz: Some(1.2e-4),
             damping: Some(0.3),
+            damping_sd: Some(0.02),
             level_db: Some(-3.25),
             taken_for: Some(Nature::Harmonic),
             multiple_of: Some(Multiple {

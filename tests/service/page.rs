@@ -363,6 +363,7 @@ fn a_refused_record_is_answered_as_described() {
         line: false,
         sd_hz: Some(0.01),
         damping: Some(0.002),
+        damping_sd: Some(0.0003),
         level_db: Some(20.0),
         taken_for: Some(taken_for),
         multiple_of,

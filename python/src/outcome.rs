@@ -90,7 +90,7 @@ impl Outcome {
     /// Reasons to doubt the force.
     #[getter]
     fn doubts(&self) -> Vec<&'static str> {
-        self.inner.doubts().into_iter().map(Doubt::code).collect()
+        self.row.doubts().into_iter().map(Doubt::code).collect()
     }
 
     /// Names of the columns of the draws.

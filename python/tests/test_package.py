@@ -61,6 +61,23 @@ def test_a_force_in_doubt_bears_its_mark(paper):
     assert believed.doubts == [] and "!" not in repr(believed) and "(" not in repr(believed), repr(believed)
 
 
+def test_a_force_without_an_order_of_magnitude_bears_its_mark():
+    support = {"fixity_low": 0, "fixity_high": 0.99, "ends": 2}
+    bar = tirante.Site.of_rod(
+        "square",
+        length_m=19.09,
+        axial_force_n={"low": 1e3, "high": 1.555e7, "even_in": "logarithm"},
+        youngs_modulus_pa={"mean": 1.9e11, "cv": 0.1},
+        density_kg_m3={"mean": 7650, "cv": 0.03},
+        side_m={"mean": 0.2277, "cv": 0.02},
+        spring_left_n_m=support,
+        spring_right_n_m=support,
+    )
+    found = bar.identify_frequencies([2.438, 7.544, 15.540], 0.001)
+    assert found.force["q975"] > 10 * found.force["q025"] and found.doubts == ["wide"]
+    assert " ? " in repr(found) and repr(found).endswith("kN (wide)>"), repr(found)
+
+
 def test_a_missing_mode_keeps_its_place(paper):
     found = paper.identify_frequencies([4.492, None, 13.252], [0.005, None, 0.01])
     words = ["identify", "--frequencies", "4.492,-,13.252", "--sd", "0.005,-,0.01", "--format", "json"]

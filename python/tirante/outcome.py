@@ -58,7 +58,7 @@ class Outcome:
 
     @property
     def doubts(self) -> list[str]:
-        """Reasons to doubt the force, the gravest first: `conflict`, `prior`, `orders` (docs/measure.md, Marks)."""
+        """Reasons to doubt the force, the gravest first: `conflict`, `prior`, `orders`, `wide` (docs/measure.md, Marks)."""
         return self._core.doubts
 
     @property
@@ -135,7 +135,7 @@ class Outcome:
         rod = self.row["rod"]
         if self.row["axial_force_n"] is not None:
             force = self.force
-            mark = "" if not self.doubts else "? " if self.doubts == ["orders"] else "! "
+            mark = "" if not self.doubts else "! " if {"conflict", "prior"} & set(self.doubts) else "? "
             doubts = f" ({', '.join(self.doubts)})" if self.doubts else ""
             return f"<Outcome {rod}: {mark}{force['mean'] / 1e3:.1f} kN, sd {force['sd'] / 1e3:.1f} kN{doubts}>"
         return f"<Outcome {rod}: {self.rejection or 'frequencies alone'}>"

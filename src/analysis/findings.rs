@@ -23,6 +23,9 @@ pub const CERTAIN: f64 = 0.99;
 pub const CONFLICT_SHOWN: f64 = 3.0;
 /// Share of the prior's own records at least as far out, up to which the prior is reported as doubtful.
 pub const PRIOR_TAIL_SHOWN: f64 = 0.01;
+/// Ratio of the ends of a force's 95 % interval above which not even its order of magnitude is known, and the best value between
+/// them is mostly the prior's.
+pub const WIDE: f64 = 10.0;
 
 /// Reason to doubt the force of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -34,11 +37,13 @@ pub enum Doubt {
     Prior,
     /// The orders of the modes are not certain.
     Orders,
+    /// The interval spans more than an order of magnitude.
+    Wide,
 }
 
 impl Doubt {
     /// Every kind of doubt.
-    pub const ALL: [Self; 3] = [Self::Conflict, Self::Prior, Self::Orders];
+    pub const ALL: [Self; 4] = [Self::Conflict, Self::Prior, Self::Orders, Self::Wide];
 
     /// Name in metrics and JSON.
     pub fn code(self) -> &'static str {
@@ -46,11 +51,18 @@ impl Doubt {
             Self::Conflict => "conflict",
             Self::Prior => "prior",
             Self::Orders => "orders",
+            Self::Wide => "wide",
         }
     }
 
     /// All doubts, the gravest first; figures missing in records of older programs raise none.
-    pub fn all(conflict: Option<f64>, prior_tail: Option<f64>, label_probability: Option<f64>) -> Vec<Self> {
+    /// `interval` has the ends of the record's own 95 % interval of the force.
+    pub fn all(
+        conflict: Option<f64>,
+        prior_tail: Option<f64>,
+        label_probability: Option<f64>,
+        interval: Option<[f64; 2]>,
+    ) -> Vec<Self> {
         let is_conflict = conflict.is_some_and(|score| score >= CONFLICT_SHOWN);
         let is_prior = !is_conflict && prior_tail.is_some_and(|tail| tail <= PRIOR_TAIL_SHOWN);
         let is_orders = label_probability.is_some_and(|probability| probability < CERTAIN);
@@ -58,6 +70,7 @@ impl Doubt {
             (is_conflict, Self::Conflict),
             (is_prior, Self::Prior),
             (is_orders, Self::Orders),
+            (interval.is_some_and(is_wide), Self::Wide),
         ]
         .into_iter()
         .filter_map(|(is, doubt)| is.then_some(doubt))
@@ -68,8 +81,14 @@ impl Doubt {
     pub fn mark(doubts: &[Self]) -> &'static str {
         match doubts {
             [] => "",
-            [Self::Orders] => "? ",
-            _ => "! ",
+            doubts
+                if doubts
+                    .iter()
+                    .any(|doubt| matches!(doubt, Self::Conflict | Self::Prior)) =>
+            {
+                "! "
+            }
+            _ => "? ",
         }
     }
 
@@ -83,8 +102,16 @@ impl Doubt {
                 "hardly any rod of the prior has these frequencies: check length, section, material and expected force"
             }
             Self::Orders => "the orders of the modes are not certain: other orders give another force",
+            Self::Wide => {
+                "the interval spans more than a factor of ten: the record hardly tells the force; see what it hangs on"
+            }
         }
     }
+}
+
+/// True for an interval that spans more than [`WIDE`], or both signs.
+pub fn is_wide([low, high]: [f64; 2]) -> bool {
+    low * high <= 0.0 || (high / low).max(low / high) > WIDE
 }
 
 /// Nature of a peak, as far as the record shows it.
@@ -125,6 +152,9 @@ pub struct Peak {
     pub sd_hz: f64,
     /// Damping ratio \[-\].
     pub damping: f64,
+    /// Standard error of the damping ratio \[-\]; `None` if the record does not determine it, and from older programs.
+    #[serde(default)]
+    pub damping_sd: Option<f64>,
     /// Height of the fitted peak over the fitted noise floor \[dB\].
     pub level_db: f64,
     /// Nature of the peak.
@@ -257,6 +287,9 @@ pub fn of_resonances(resonances: &[Resonance], modes: &[Mode], near_hz: f64, dur
                 frequency_hz: resonance.frequency_hz,
                 sd_hz: significant(resonance.frequency_sd_hz),
                 damping: significant(resonance.damping),
+                damping_sd: Some(resonance.damping * resonance.damping_log_sd)
+                    .filter(|sd| sd.is_finite())
+                    .map(significant),
                 level_db: rounded(10.0 * libm::log10(resonance.peak_to_noise.max(1e-30)), 100.0),
                 taken_for: nature(resonance, order, is_multiple_of_tone, duration_s),
                 order,
@@ -387,6 +420,26 @@ fn rounded(value: f64, per_unit: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_interval_without_an_order_of_magnitude_is_a_doubt() {
+        for (interval, is) in [
+            ([1.0, 9.9], false),
+            ([1.0, 10.1], true),
+            ([-1.0, 9.0], true),
+            ([0.0, 9.0], true),
+            ([-9.0, -1.0], false),
+            ([-11.0, -1.0], true),
+            ([f64::NAN, 1.0], false),
+        ] {
+            assert_eq!(is_wide(interval), is, "{interval:?}");
+        }
+        let wide = Doubt::all(Some(0.0), Some(0.5), Some(1.0), Some([1e3, 1e6]));
+        assert_eq!((&wide[..], Doubt::mark(&wide)), (&[Doubt::Wide][..], "? "));
+        let both = Doubt::all(Some(4.0), None, Some(0.5), Some([1e3, 1e6]));
+        assert_eq!(both, [Doubt::Conflict, Doubt::Orders, Doubt::Wide]);
+        assert_eq!(Doubt::mark(&both), "! ");
+    }
 
     fn resonance(frequency_hz: f64, damping: f64, line: bool) -> Resonance {
         Resonance {

@@ -3,6 +3,7 @@
 use crate::findings::Doubt;
 use crate::identify::{Identification, Joint, LeftOut, Measurement, Plan, Sensors};
 use crate::inference::Conflict;
+use crate::rod::beam::Quantity;
 use crate::signal::modes::{Labels, Mode};
 use crate::signal::record::{Envelope, Reading, Rejection, RodId, Timestamp};
 use crate::track::{Input, LogMode, Observation};
@@ -87,15 +88,20 @@ pub struct Rejected {
 impl Outcome {
     /// Reasons to doubt its force.
     pub fn doubts(&self) -> Vec<Doubt> {
-        let (conflict, labels) = match self {
-            Self::Identified(identification) => (&identification.conflict, identification.labels.as_ref()),
-            Self::Tabulated(tabulated) => (&tabulated.conflict, None),
+        let (conflict, labels, force) = match self {
+            Self::Identified(identification) => (
+                &identification.conflict,
+                identification.labels.as_ref(),
+                identification.posterior.marginal(Quantity::AxialForce),
+            ),
+            Self::Tabulated(tabulated) => (&tabulated.conflict, None, None),
             Self::Rejected(_) => return Vec::new(),
         };
         Doubt::all(
             Some(conflict.score),
             Some(conflict.prior_tail),
             labels.map(|labels| labels.probability),
+            force.map(|force| force.interval()),
         )
     }
 

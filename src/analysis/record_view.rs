@@ -98,6 +98,9 @@ pub struct PeakMark {
     /// Damping ratio \[-\].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub damping: Option<f64>,
+    /// Standard error of the damping ratio \[-\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub damping_sd: Option<f64>,
     /// Height over the noise floor \[dB\].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub level_db: Option<f64>,
@@ -245,6 +248,7 @@ impl PeakMark {
             line,
             sd_hz: Some(peak.sd_hz),
             damping: Some(peak.damping),
+            damping_sd: peak.damping_sd,
             level_db: Some(peak.level_db),
             taken_for: Some(peak.taken_for),
             multiple_of: peak.multiple_of,

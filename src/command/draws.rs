@@ -17,7 +17,6 @@ enum Kind {
     /// NumPy, version 1.0, with one named field a column.
     Npy,
     /// Apache Parquet.
-    #[cfg(feature = "parquet")]
     Parquet,
 }
 
@@ -41,15 +40,7 @@ impl DrawsFile {
         let kind = match ending.as_deref() {
             Some("csv") => Kind::Csv,
             Some("npy") => Kind::Npy,
-            #[cfg(feature = "parquet")]
             Some("parquet") => Kind::Parquet,
-            #[cfg(not(feature = "parquet"))]
-            Some("parquet") => {
-                return Err(
-                    "this program was built without Parquet: take .csv or .npy, or build it with `--features parquet`"
-                        .to_owned(),
-                );
-            }
             _ => return Err("a name that ends in .csv, .npy or .parquet is wanted".to_owned()),
         };
         Ok(Self { path, kind })
@@ -66,7 +57,6 @@ impl DrawsFile {
             match self.kind {
                 Kind::Csv => write_csv(posterior, &mut out)?,
                 Kind::Npy => write_npy(posterior, &mut out)?,
-                #[cfg(feature = "parquet")]
                 Kind::Parquet => {
                     super::parquet::write_numbers(&columns(posterior), rows(posterior), &mut out)?
                 }
@@ -154,6 +144,6 @@ mod tests {
         for wrong in ["draws", "draws.txt", ".csv"] {
             assert!(DrawsFile::parse(wrong).is_err(), "{wrong}");
         }
-        assert_eq!(DrawsFile::parse("x.parquet").is_ok(), cfg!(feature = "parquet"));
+        assert!(DrawsFile::parse("x.parquet").is_ok());
     }
 }

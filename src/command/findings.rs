@@ -2,7 +2,9 @@
 //! the force's variance.
 
 use super::listing::hanging;
-use crate::analysis::findings::{CONFLICT_SHOWN, Candidate, PRIOR_TAIL_SHOWN, motion_said, three_digits};
+use crate::analysis::findings::{
+    CONFLICT_SHOWN, Candidate, Doubt, PRIOR_TAIL_SHOWN, is_wide, motion_said, three_digits,
+};
 use crate::analysis::identify::Measurement;
 use crate::analysis::inference::{Conflict, Marginal, VarianceShares};
 use crate::analysis::outcome::Rejected;
@@ -60,8 +62,16 @@ pub fn refused(rejected: &Rejected) -> String {
     text
 }
 
-/// Marks of a force that may be wrong, one line each: model or prior against the data.
-pub fn doubts(conflict: &Conflict) -> Vec<String> {
+/// Marks of a force that may be wrong: model or prior against the data, and an interval that hardly tells it.
+pub fn doubts(conflict: &Conflict, force: Option<&Marginal>) -> Vec<String> {
+    let mut lines = disagreement(conflict);
+    if force.is_some_and(|force| is_wide(force.interval())) {
+        lines.extend(wrapped("  ? ", Doubt::Wide.said()).lines().map(str::to_owned));
+    }
+    lines
+}
+
+fn disagreement(conflict: &Conflict) -> Vec<String> {
     if conflict.score >= CONFLICT_SHOWN {
         let reason = conflict
             .violation
@@ -72,13 +82,15 @@ pub fn doubts(conflict: &Conflict) -> Vec<String> {
             "    the force may be wrong by more than its interval says".to_owned(),
         ]
     } else if conflict.prior_tail <= PRIOR_TAIL_SHOWN {
-        vec![
-            format!(
-                "  ! prior and data disagree: {:.1} % of the rods the prior allows lie as far out; check length,",
-                conflict.prior_tail * 100.0
-            ),
-            "    section, material and the expected force".to_owned(),
-        ]
+        let share = match conflict.prior_tail {
+            tail if tail < 1e-3 => "less than 0.1".to_owned(),
+            tail => format!("{:.1}", 100.0 * tail),
+        };
+        let said = format!(
+            "prior and data disagree: {share} % of the rods the prior allows lie as far out; check length, section, material and the \
+             expected force"
+        );
+        wrapped("  ! ", &said).lines().map(str::to_owned).collect()
     } else {
         Vec::new()
     }
@@ -214,6 +226,7 @@ mod tests {
             line: true,
             sd_hz: Some(1.2e-4),
             damping: Some(0.3),
+            damping_sd: Some(0.02),
             level_db: Some(-3.25),
             taken_for: Some(Nature::Harmonic),
             multiple_of: Some(Multiple {

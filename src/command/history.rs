@@ -30,8 +30,9 @@ use std::process::ExitCode;
   tirante history --store site.db --format mcap --encoding cdr > ros2.mcap
 
 A '~' before a change or force says that it is not compensated for temperature,
-'!' or '?' before a force that it may be wrong: conflict, prior_tail and
-label_probability of --format csv say by what.")]
+'!' or '?' before a force that it may be wrong: conflict, prior_tail,
+label_probability and the ends axial_force_q025_n and axial_force_q975_n of
+--format csv say by what.")]
 pub struct Args {
     /// Store to read.
     #[command(flatten)]
@@ -73,7 +74,7 @@ pub enum AnyFormat {
     Json,
     /// Comma-separated values (RFC 4180) with the unit in each column's name.
     Csv,
-    /// Parquet: the columns of the CSV, typed (only if built with `--features parquet`).
+    /// Parquet: the columns of the CSV, typed.
     Parquet,
     /// MCAP: records and alarms as messages, to open next to the recordings in Foxglove or Lichtblick.
     Mcap,
@@ -206,7 +207,6 @@ fn write_mcap(
     Ok(())
 }
 
-#[cfg(feature = "parquet")]
 fn write_parquet(
     reader: &Reader,
     filter: &Filter,
@@ -220,16 +220,6 @@ fn write_parquet(
         .into());
     }
     super::parquet::write(reader, filter, what, out)
-}
-
-#[cfg(not(feature = "parquet"))]
-fn write_parquet(_: &Reader, _: &Filter, _: What, _: &mut impl Write) -> anyhow::Result<()> {
-    Err(BadArguments(
-        "this program was built without Parquet: build it with `cargo build --release --features parquet`, or take \
-         --format csv, which holds the same columns"
-            .to_owned(),
-    )
-    .into())
 }
 
 /// Writes a listing of a store.
@@ -433,7 +423,9 @@ impl Row<'_> {
     fn doubts(&self) -> Vec<Doubt> {
         let [conflict, prior_tail, label_probability] =
             ["conflict", "prior_tail", "label_probability"].map(|name| self.number(name));
-        Doubt::all(conflict, prior_tail, label_probability)
+        let ends = ["axial_force_q025_n", "axial_force_q975_n"].map(|name| self.number(name));
+        let interval = ends[0].zip(ends[1]).map(|(low, high)| [low, high]);
+        Doubt::all(conflict, prior_tail, label_probability, interval)
     }
 
     fn shown(&self, name: &str) -> String {

@@ -90,7 +90,7 @@ pub struct Args {
     #[command(flatten)]
     pub output: Output,
 
-    /// Write the posterior's draws to a file: .csv, .npy, or .parquet (only if built with `--features parquet`). Those of
+    /// Write the posterior's draws to a file: .csv, .npy, or .parquet. Those of
     /// a second record go to NAME-2.csv, and so on.
     #[arg(long, value_name = "FILE", value_parser = DrawsFile::parse)]
     pub draws_out: Option<DrawsFile>,
@@ -421,7 +421,10 @@ fn describe(plan: &Plan, identification: &Identification) -> String {
         "  conflict {:.1}: standard deviations from the nearest frequencies the model can produce",
         conflict.score
     ));
-    findings::doubts(conflict).into_iter().for_each(&mut line);
+    let force = posterior.marginal(Quantity::AxialForce);
+    findings::doubts(conflict, force.as_ref())
+        .into_iter()
+        .for_each(&mut line);
     if let Some(shares) = &identification.hangs_on {
         line(String::new());
         findings::hangs_on(shares)

@@ -166,7 +166,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 };
                 let text = match args.output.is_json() {
                     true => taken.row.to_json()? + "\n",
-                    false => told(&generation.config, outcome, args.plot.width()),
+                    false => {
+                        let is_force_expected = rod.expected.is_some();
+                        told(&generation.config, outcome, is_force_expected, args.plot.width())
+                    }
                 };
                 bar.suspend(|| io::stdout().lock().write_all(text.as_bytes()))?;
             }
@@ -246,7 +249,7 @@ fn id_of(stem: &str) -> String {
 
 /// A record in words: peaks, spectrum, force with its marks and the sources of its variance; for a refused
 /// one the reason.
-fn told(config: &Config, outcome: &Outcome, width: Option<usize>) -> String {
+fn told(config: &Config, outcome: &Outcome, is_force_expected: bool, width: Option<usize>) -> String {
     let prior = config.rod(&outcome.rod().0).map(|rod| &rod.analysis.prior);
     let picture = prior.and_then(|prior| Snapshot::of_outcome(prior, outcome));
     let plot = match (width, &picture) {
@@ -258,7 +261,7 @@ fn told(config: &Config, outcome: &Outcome, width: Option<usize>) -> String {
         Outcome::Identified(identification) => identification,
         Outcome::Rejected(rejected) => {
             text += &findings::refused(rejected);
-            if matches!(rejected.rejection, Rejection::NoLabel { .. }) {
+            if matches!(rejected.rejection, Rejection::NoLabel { .. }) && !is_force_expected {
                 let has_orders = picture
                     .as_ref()
                     .is_some_and(|picture| !picture.candidates.is_empty());
@@ -289,14 +292,15 @@ fn told(config: &Config, outcome: &Outcome, width: Option<usize>) -> String {
     let labels = identification.labels.as_ref();
     let conflict = &identification.conflict;
     let doubts = outcome.doubts();
-    if let Some(force) = identification.posterior.marginal(Quantity::AxialForce) {
+    let force = identification.posterior.marginal(Quantity::AxialForce);
+    if let Some(force) = &force {
         text += &format!(
             "\n  {}axial force {}, 95 % interval in brackets\n",
             Doubt::mark(&doubts),
-            findings::force(&force)
+            findings::force(force)
         );
     }
-    for line in findings::doubts(conflict) {
+    for line in findings::doubts(conflict, force.as_ref()) {
         text += &(line + "\n");
     }
     if let Some(labels) = labels.filter(|_| doubts.contains(&Doubt::Orders)) {

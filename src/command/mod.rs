@@ -33,7 +33,6 @@ mod listing;
 pub mod manual;
 pub mod measure;
 mod measure_files;
-#[cfg(feature = "parquet")]
 pub mod parquet;
 pub mod plan;
 mod progress;

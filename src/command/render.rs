@@ -2,7 +2,7 @@
 
 use super::findings::probability;
 use super::listing::{WIDTH, hanging};
-use crate::analysis::findings::{CERTAIN, CONFLICT_SHOWN, PRIOR_TAIL_SHOWN, motion_mark};
+use crate::analysis::findings::{CERTAIN, CONFLICT_SHOWN, PRIOR_TAIL_SHOWN, is_wide, motion_mark};
 use crate::analysis::identify::Identification;
 use crate::analysis::inference::Conflict;
 use crate::analysis::outcome::{Outcome, Tabulated};
@@ -205,7 +205,6 @@ impl Table {
         let measurement = identification.measurement.as_ref();
         let opening = self.opening(&identification.rod, measurement.map(|m| m.start));
         let force = identification.posterior.marginal(Quantity::AxialForce);
-        let force = force.map(|force| (force.mean, force.sd));
         let mut marks = Vec::new();
         // Ambient vibration is the rule.
         let motion = measurement
@@ -216,12 +215,16 @@ impl Table {
         let uncertain = uncertain.filter(|probability| *probability < CERTAIN);
         marks.extend(uncertain.map(|p| format!("? orders {}", probability(p))));
         marks.extend(doubt(&identification.conflict));
+        if force.is_some_and(|force| is_wide(force.interval())) {
+            marks.push("? wide interval".to_owned());
+        }
         marks.extend(
             measurement
                 .iter()
                 .flat_map(|m| &m.flags)
                 .map(|flag| format!("[{flag}]")),
         );
+        let force = force.map(|force| (force.mean, force.sd));
         self.measured(opening, &identification.modes, force, verdict, marks)
     }
 }

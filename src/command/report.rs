@@ -288,6 +288,9 @@ fn load_rod(reader: &Reader, standing: &Standing, meaning: &mut Meaning) -> anyh
     report.baseline = snapshots.first;
     report.latest = snapshots.latest;
     report.refused = snapshots.refused;
+    let always = (Timestamp::from_nanos(i64::MIN), Timestamp::MAX);
+    let latest = reader.lines_before(rod, always, None, false, 1)?.found.pop();
+    report.file = latest.and_then(|line| line.file);
     Ok(report)
 }
 

@@ -326,7 +326,7 @@ impl<'a> Shown<'a> {
         if let Some(force) = look.force() {
             line("  ", &format!("axial force {force}"));
         }
-        for doubt in look.conflict().into_iter().flat_map(findings::doubts) {
+        for doubt in look.said_doubts() {
             let words = doubt.trim_start();
             line(&doubt[..doubt.len() - words.len()], words);
         }

@@ -259,7 +259,8 @@ impl ModeRow {
 impl RecordRow {
     /// Reasons to doubt its force.
     pub fn doubts(&self) -> Vec<Doubt> {
-        Doubt::all(self.conflict, self.prior_tail, self.label_probability)
+        let interval = self.axial_force_n.map(|force| force.interval());
+        Doubt::all(self.conflict, self.prior_tail, self.label_probability, interval)
     }
 
     /// Row of a record; without a `verdict` the force is not tracked.

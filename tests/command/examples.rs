@@ -14,11 +14,7 @@ use std::thread;
 use std::time::Instant;
 
 /// Examples that are parsed but not run, by a part of their text, with the reason.
-const NOT_RUN: [(&str, &str); 5] = [
-    (
-        "parquet",
-        "needs a build with --features parquet: tests/command/exports.rs",
-    ),
+const NOT_RUN: [(&str, &str); 4] = [
     (
         "tirante alarm prove",
         "years of simulated sites, minutes to an hour each: tests/command/cli.rs runs a small one",

@@ -10,7 +10,6 @@ use tirante::command::which_store::Format;
 use tirante::site::record_row::RecordRow;
 use tirante::site::store::{Durability, Filter, Reader, Store};
 
-#[cfg(feature = "parquet")]
 const WHAT: [(What, &str); 4] = [
     (What::Records, "records"),
     (What::Rejections, "rejections"),
@@ -251,23 +250,6 @@ fn the_python_lines_of_the_documentation_read_the_store() {
     assert_eq!(rows, expected);
 }
 
-#[cfg(not(feature = "parquet"))]
-#[test]
-fn a_program_without_parquet_says_how_to_build_it() {
-    let folder = tempfile::tempdir().unwrap();
-    drop(filled(&folder.path().join("site.db")));
-    let mut program = assert_cmd::Command::cargo_bin("tirante").unwrap();
-    let output = program
-        .current_dir(folder.path())
-        .args(["history", "--store", "site.db", "--format", "parquet"])
-        .output()
-        .unwrap();
-    assert_eq!(output.status.code(), Some(2));
-    assert!(output.stdout.is_empty());
-    assert!(String::from_utf8_lossy(&output.stderr).contains("--features parquet"));
-}
-
-#[cfg(feature = "parquet")]
 mod parquet_file {
     use super::*;
     use parquet::file::reader::{FileReader, SerializedFileReader};

@@ -138,6 +138,43 @@ fn the_readme_shows_what_its_first_command_prints() {
     }
 }
 
+/// A bar of 228 mm over 19 m under 954 kN: its own stiffness carries its frequencies.
+#[test]
+fn a_force_that_is_hardly_told_has_its_mark() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let rod = ["--length", "19.09", "--section", "s227.7", "--material", "iron"];
+    let words: Vec<&str> = ["init", "--out", "bar.toml", "--id", "bar", "--fs-hz", "100"]
+        .into_iter()
+        .chain(["--topic", "bar", "--field", "x", "--unit", "m"])
+        .chain(rod)
+        .collect();
+    let (code, _, err) = tirante(at, &words);
+    assert_eq!(code, Some(0), "{err}");
+    let identify = |more: &[&str]| {
+        let words = [
+            "identify",
+            "--config",
+            "bar.toml",
+            "--sd",
+            "0.001",
+            "--frequencies",
+            "2.438,7.544,15.540",
+        ];
+        let (code, out, err) = tirante(at, &[&words[..], more].concat());
+        assert_eq!(code, Some(0), "{err}");
+        out
+    };
+    let said = identify(&[]);
+    assert!(
+        said.contains("\n  ? the interval spans more than a factor of ten"),
+        "{said}"
+    );
+    let line: Value = serde_json::from_str(&identify(&["--json"])).unwrap();
+    let end = |key: &str| line["axial_force_n"][key].as_f64().unwrap();
+    assert!(end("q975") > 10.0 * end("q025"), "{line}");
+}
+
 #[test]
 fn json_is_the_record_line_and_the_same_twice() {
     let folder = tempfile::tempdir().unwrap();

@@ -390,6 +390,7 @@ fn every_reason_to_doubt_a_force_is_told_with_its_mark() {
         (vec![Doubt::Conflict], "! "),
         (vec![Doubt::Prior, Doubt::Orders], "! "),
         (vec![Doubt::Orders], "? "),
+        (vec![Doubt::Wide], "? "),
     ] {
         doubtful.records.last_mut().unwrap().doubts = doubts.clone();
         let html = checked(&one(doubtful.clone()));

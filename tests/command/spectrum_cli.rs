@@ -277,7 +277,7 @@ fn store_report_and_results_keep_the_picture_of_a_refused_record() {
     let html = fs::read_dir(&page).unwrap().next().unwrap().unwrap().path();
     let html = fs::read_to_string(html).unwrap();
     for wanted in [
-        "The latest refused record",
+        "<strong>No force</strong>",
         "Vibration spectrum of the latest refused record of rod todi",
         "Waveform of the latest refused record of rod todi",
         "cannot number the modes",

@@ -80,6 +80,7 @@ fn snapshot(at: Timestamp, shift: f64) -> Snapshot {
         line,
         sd_hz: None,
         damping: None,
+        damping_sd: None,
         level_db: None,
         taken_for: None,
         multiple_of: None,
@@ -145,6 +146,7 @@ pub fn refused(at: Timestamp) -> Snapshot {
         line: matches!(taken_for, Nature::Tone | Nature::Harmonic),
         sd_hz: Some(0.004),
         damping: Some(0.0021),
+        damping_sd: Some(0.0003),
         level_db: Some(31.4),
         taken_for: Some(taken_for),
         multiple_of: (taken_for == Nature::Harmonic).then_some(Multiple {

@@ -11,6 +11,9 @@ mod listeners;
 mod server;
 #[path = "../harness/site/mod.rs"]
 mod site;
+#[path = "../command/synthetic.rs"]
+#[allow(dead_code)] // the other histories are of tests elsewhere
+mod synthetic;
 
 mod alerts;
 mod browser;
@@ -27,5 +30,6 @@ mod page;
 mod presses;
 mod protocol;
 mod send;
+mod sheet;
 mod sockets;
 mod viewer;

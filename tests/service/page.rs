@@ -9,7 +9,8 @@ use flate2::read::GzDecoder;
 use serde_json::{Value as Json, json};
 use std::io::{BufRead, BufReader, Read};
 use std::sync::LazyLock;
-use tirante::analysis::findings::{Assigned, Candidate, Multiple, Nature, Quantiles};
+use tirante::analysis::findings::{Assigned, Candidate, Doubt, Multiple, Nature, Quantiles};
+use tirante::analysis::inference::Source;
 use tirante::analysis::record_view::{PeakMark, Reason, Snapshot};
 use tirante::analysis::signal::modes::{Motion, MotionKind};
 use tirante::analysis::signal::record::{RodId, Timestamp};
@@ -363,6 +364,7 @@ fn a_refused_record_is_answered_as_described() {
         line: false,
         sd_hz: Some(0.01),
         damping: Some(0.002),
+        damping_sd: Some(0.0003),
         level_db: Some(20.0),
         taken_for: Some(taken_for),
         multiple_of,
@@ -802,7 +804,7 @@ fn data_are_stale_when_the_alarm_would_be_raised() {
 }
 
 #[test]
-fn the_page_names_quantities_as_the_report_does() {
+fn page_and_description_have_the_words_of_the_report() {
     use tirante::analysis::rod::beam::{Parameterisation, Section};
     let server = Server::of(&CAMPAIGN, "site.db");
     let (_, script) = server.ask("GET", "/assets/figures.js", "");
@@ -823,6 +825,31 @@ fn the_page_names_quantities_as_the_report_does() {
         let written = script.replace("\\u00b3", "\u{b3}").replace("\\u00b2", "\u{b2}");
         let wanted = wanted.replace("1e0]", "1]");
         assert!(written.contains(&wanted), "{wanted}");
+    }
+    let (_, script) = server.ask("GET", "/assets/common.js", "");
+    for doubt in Doubt::ALL {
+        let wanted = format!("{}: \"{}\"", doubt.code(), doubt.said());
+        assert!(script.contains(&wanted), "{wanted}");
+    }
+    let described = server.get("/api/v1/openapi.json").to_string();
+    let enumerated = format!("\"enum\":{}", json!(Doubt::ALL.map(Doubt::code)));
+    let lists = described.matches("\"enum\":[\"conflict\"").count();
+    assert!(lists > 0 && described.matches(&enumerated).count() == lists);
+    let (_, script) = server.ask("GET", "/assets/latest.js", "");
+    for source in [
+        Source::Modulus,
+        Source::Density,
+        Source::Section,
+        Source::Rigidity,
+        Source::Mass,
+        Source::Springs,
+        Source::Length,
+        Source::Measurement,
+        Source::Discrepancy,
+    ] {
+        let key = serde_json::to_value(source).unwrap();
+        let wanted = format!("{}: \"{}\"", key.as_str().unwrap(), source.name());
+        assert!(key == source.name() || script.contains(&wanted), "{wanted}");
     }
 }
 

@@ -8,8 +8,7 @@ this folder; `tirante identify --frequencies` gets the first five. Rows of the t
 - as stated: force, dimensions, modulus, density, supports and model error drawn from the configuration itself. The intervals must hold
   95 % of these forces: it is the definition of a stated probability.
 - users, 0 / 0.5 / 1 %: the rods of users.py, with a model error of so much. Their forces are those of rods that do their work (12 to
-  240 MPa) and their supports lie between hinge and clamp, while the configuration must also allow slack rods and gives hinge and clamp
-  more weight.
+  240 MPa), while the configuration must also allow slack rods.
 """
 
 import argparse

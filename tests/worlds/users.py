@@ -34,6 +34,10 @@ RATES = (*classes.RATES, 4000.0, 5000.0, 8000.0, 10000.0, 16000.0)
 ROUND = 60
 FORCE_N = (1e3, 2e6)
 STRESS_PA = (12e6, 240e6)
+# Fixity of an end, each range as often: as good as hinged, anything, as good as clamped. The second alone would be the rods whose force
+# is the easiest to hold (docs/abc.md, Priors that claim little).
+HINGED, CLAMPED = 0.1, 0.9
+ENDS = ((0.0, HINGED), (0.0, 0.97), (CLAMPED, 0.99))
 # Most samples of a file.
 MOST = 400_000
 # Modes a record shows at least: so many stand `score.CLEAR_DB` over the rest.
@@ -42,8 +46,8 @@ CLEAR = 5
 BETTER_DB, EXCHANGES = 10.0, 6
 # A force farther from the truth than this many standard deviations, and outside its interval, is wrong: chance gives one of 2000.
 WRONG_SD = 3.5
-# The program's own marks (docs/measure.md): conflict, prior, orders of the modes.
-CONFLICT, PRIOR_TAIL, CERTAIN = 3.0, 0.01, 0.99
+# The program's own marks (docs/measure.md): conflict, prior, orders of the modes, ratio of the interval's ends.
+CONFLICT, PRIOR_TAIL, CERTAIN, WIDE = 3.0, 0.01, 0.99, 10.0
 
 
 def rod_of(rng, force_n):
@@ -64,9 +68,17 @@ def rod_of(rng, force_n):
     z = np.clip(rng.standard_normal(3), -3.0, 3.0)
     real_area, inertia = nominal.area_and_inertia(1 + rods.DIMENSION_CV * z[0])
     rigidity = modulus * (1 + modulus_cv * z[1]) * inertia
-    springs = tuple(rods.fixity_spring(between(rng, 0.0, 0.97), rigidity, length) for _ in range(2))
+    springs = tuple(rods.fixity_spring(between(rng, *ENDS[rng.randint(len(ENDS))]), rigidity, length) for _ in range(2))
     real = beam.Beam(length, rigidity, density * (1 + density_cv * z[2]) * real_area, force_n, springs)
     return rods.of_beam(nominal, real, rng, 12, force_n / real_area)
+
+
+def ends_of(real):
+    """The ends of a beam in words."""
+    fixities = [spring / (spring + 3 * real.flexural_rigidity_n_m2 / real.length_m) for spring in real.springs_n_m]
+    return " and ".join(
+        sorted("hinged" if one < HINGED else "clamped" if one >= CLAMPED else "between" for one in fixities)
+    )
 
 
 def scene_of(rng, rod):
@@ -133,6 +145,7 @@ def user(seed, index, folder, as_drawn=False):
         "known": False,
         "axial_force_n": rod.axial_force_n,
         "stress_pa": rod.stress_pa,
+        "ends": ends_of(rod.beam),
         "discrepancy": f"off the beam by {100 * rod.discrepancy:g} %",
         "fs_hz": scene.fs_hz,
         "duration_s": scene.duration_s,
@@ -185,6 +198,9 @@ def marks(line):
         found.append("prior")
     if line["label_probability"] is not None and line["label_probability"] < CERTAIN:
         found.append("orders")
+    force = line["axial_force_n"]
+    if force["q975"] > WIDE * force["q025"]:
+        found.append("wide")
     return found
 
 
@@ -221,7 +237,7 @@ def table(found):
     ]
     for low, high, name in ((1e3, 1e4, "1 to 10 kN"), (1e4, 1e5, "10 to 100 kN"), (1e5, 2e6, "0.1 to 2 MN")):
         lines.append(row(name, [one for one in found if low <= one[2]["axial_force_n"] < high]))
-    for key in ("excitation", "discrepancy", "quantity", "class"):
+    for key in ("ends", "excitation", "discrepancy", "quantity", "class"):
         for name in sorted({one[2][key] for one in found}):
             lines.append(row(name, [one for one in found if one[2][key] == name]))
     return lines

@@ -74,6 +74,13 @@ pub struct Marginal {
     pub mean_error: f64,
 }
 
+impl Marginal {
+    /// Ends of the 95 % interval, SI.
+    pub fn interval(&self) -> [f64; 2] {
+        [self.q025, self.q975]
+    }
+}
+
 impl Posterior {
     /// Values of one quantity, one per particle; `None` if the section does not have it.
     pub fn values(&self, quantity: Quantity) -> Option<Vec<f64>> {

@@ -1,7 +1,7 @@
 //! `tirante fleet collect`: the results of all tasks in one database.
 
 use super::super::progress::{Progress, size};
-use super::super::{BadArguments, WITH_LOSSES, print};
+use super::super::{WITH_LOSSES, print};
 use super::refused;
 use crate::site::fleet::collect::into_one;
 use crate::site::fleet::task::{self as plan, Task};
@@ -35,8 +35,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
 
-    /// Also write every record of every site as Parquet: the columns of `history --format parquet` after `site` (only
-    /// if built with `--features parquet`).
+    /// Also write every record of every site as Parquet: the columns of `history --format parquet` after `site`.
     #[arg(long, value_name = "FILE")]
     pub parquet: Option<PathBuf>,
 
@@ -50,11 +49,6 @@ pub struct Args {
 /// # Errors
 /// The plan or a result cannot be read, or the files cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    if cfg!(not(feature = "parquet")) && (args.parquet.is_some() || args.resonances.is_some()) {
-        let why = "this program was built without Parquet: build it with `cargo build --release --features parquet`, or leave \
-                   --parquet and --resonances out";
-        return Err(BadArguments(why.to_owned()).into());
-    }
     let tasks = plan::read(&args.plan, None).map_err(refused)?;
     let (there, missing): (Vec<&Task>, Vec<&Task>) = tasks
         .iter()
@@ -100,7 +94,6 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     })
 }
 
-#[cfg(feature = "parquet")]
 fn write_parquet(args: &Args, tasks: &[&Task]) -> anyhow::Result<()> {
     use super::super::parquet;
     use crate::recording::atomic::AtomicFile;
@@ -119,10 +112,5 @@ fn write_parquet(args: &Args, tasks: &[&Task]) -> anyhow::Result<()> {
         }
         file.commit().with_context(|| path.display().to_string())?;
     }
-    Ok(())
-}
-
-#[cfg(not(feature = "parquet"))]
-fn write_parquet(_: &Args, _: &[&Task]) -> anyhow::Result<()> {
     Ok(())
 }

@@ -9,6 +9,10 @@ use crate::analysis::record_view::Density;
 /// Most points of the temperature figure: beyond, every n-th period is drawn.
 const SCATTER_POINTS: usize = 2000;
 
+/// Height of a density in its own place, and of one on a sheet.
+pub(super) const HIGH: f64 = 150.0;
+pub(super) const LOW: f64 = 100.0;
+
 /// Name of a quantity for people, its display unit, and the factor from SI to it.
 pub fn quantity(key: &str) -> (&str, &'static str, f64) {
     match key {
@@ -31,7 +35,7 @@ pub fn quantity(key: &str) -> (&str, &'static str, f64) {
 }
 
 /// Prior against posterior of one quantity, the latest record and the baseline's first.
-pub(super) fn density(rod: &RodReport, latest: &Density, id: &str) -> Markup {
+pub(super) fn density(rod: &RodReport, latest: &Density, height: f64, id: &str) -> Markup {
     let (name, unit, factor) = quantity(&latest.quantity);
     let earlier = rod
         .baseline
@@ -50,8 +54,11 @@ pub(super) fn density(rod: &RodReport, latest: &Density, id: &str) -> Markup {
         0.0,
         1.08 * axis::span(top, 0.0).map_or(1.0, |(_, high)| high.max(1e-9)),
     );
-    let mut figure = Figure::half(x, y, 150.0);
-    figure.x_axis(&axis::numbers(x, 4), &format!("{name} [{unit}]"));
+    let mut figure = Figure::half(x, y, height);
+    let few = axis::numbers(x, 4);
+    // One number on an axis has no scale.
+    let ticks = if few.len() < 2 { axis::numbers(x, 8) } else { few };
+    figure.x_axis(&ticks, &format!("{name} [{unit}]"));
     figure.y_axis(&[], "probability density");
     let points = |curve: &[f64]| -> Vec<(f64, f64)> {
         let step = (x.1 - x.0) / curve.len().saturating_sub(1).max(1) as f64;

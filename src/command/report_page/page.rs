@@ -14,26 +14,30 @@ const STYLE: &str = include_str!("style.css");
 pub fn page(report: &SiteReport) -> String {
     let title = format!("{}: axial force of the tie-rods", report.site);
     document(&title, |body| {
-        body.element("header", &[], |header| heading(header, report));
+        // For one rod measured once, its own part is complete.
+        let is_one_sheet = matches!(&report.rods[..], [rod] if rod.is_sheet());
+        body.element("header", &[], |header| {
+            header.leaf("h1", &[], &report.site);
+            if !is_one_sheet {
+                heading(header, report);
+            }
+        });
         body.element("main", &[], |main| {
-            // For one rod measured once, its own part is complete.
-            match &report.rods[..] {
-                [rod] if rod.only_record().is_some() || rod.is_refused_once() => {}
-                _ => overview(main, report),
+            if !is_one_sheet {
+                overview(main, report);
             }
             for (i, one) in report.rods.iter().enumerate() {
                 let id = anchor(i);
                 let attributes = [("id", id.as_str()), ("class", "sheet")];
-                let attributes = match one.only_record().is_some() || one.is_refused_once() {
-                    true => &attributes[..],
-                    false => &attributes[..1],
-                };
+                let attributes = &attributes[..1 + usize::from(one.is_sheet())];
                 main.element("section", attributes, |section| {
-                    rod::section(section, one, &anchor(i));
+                    rod::section(section, one, &id, &report.provenance);
                 });
             }
         });
-        body.element("footer", &[], |footer| provenance(footer, report));
+        if !is_one_sheet {
+            body.element("footer", &[], |footer| provenance(footer, report));
+        }
     })
 }
 
@@ -73,7 +77,6 @@ fn anchor(i: usize) -> String {
 }
 
 fn heading(header: &mut Markup, report: &SiteReport) {
-    header.leaf("h1", &[], &report.site);
     let times = || {
         report
             .rods
@@ -82,7 +85,7 @@ fn heading(header: &mut Markup, report: &SiteReport) {
     };
     let text = match (times().min(), times().max()) {
         (Some(first), Some(last)) if first == last => format!(
-            "Axial force of {}, from a record taken {}.",
+            "Axial force of {}, from records taken {}.",
             counted(report.rods.len(), "tie-rod"),
             single::began(first)
         ),

@@ -14,6 +14,9 @@ use crate::analysis::signal::modes::MotionKind;
 const DEPTH_DB: f64 = 120.0;
 /// Candidates listed.
 const CANDIDATES: usize = 6;
+/// Height of a spectrum that has its own place in the page, and of one that shares a sheet.
+pub(super) const FULL: f64 = 220.0;
+pub(super) const LOW: f64 = 150.0;
 
 /// A record with the context of its drawing.
 pub(super) struct Drawn<'s> {
@@ -27,6 +30,8 @@ pub(super) struct Drawn<'s> {
     pub unit: Option<&'s str>,
     /// Owner of the record in words: `rod north`.
     pub of: &'s str,
+    /// Height of the spectrum without axis labels.
+    pub height: f64,
 }
 
 impl Drawn<'_> {
@@ -50,7 +55,7 @@ impl Drawn<'_> {
             low.max(high - DEPTH_DB) - 2.0,
             high + 0.15 * (high - low).min(DEPTH_DB) + 1.0,
         );
-        let mut figure = Figure::new(x, y, 220.0);
+        let mut figure = Figure::new(x, y, self.height);
         figure.x_axis(&axis::numbers(x, 8), "frequency [Hz]");
         let unit = self.unit.map_or_else(|| "unit".to_owned(), bracketed);
         figure.y_axis(&axis::powers(y, 6), &format!("power density [{unit}\u{b2}/Hz]"));
@@ -178,7 +183,7 @@ pub(super) fn peaks(html: &mut Markup, record: &Snapshot) {
         .filter_map(|peak| {
             Some(vec![
                 Cell::Text(mean_and_sd(peak.frequency_hz, peak.sd_hz?)),
-                Cell::Text(significant(100.0 * peak.damping?)),
+                Cell::Text(damping(peak)?),
                 Cell::Text(super::axis::minus(&format!("{:.1}", peak.level_db?))),
                 Cell::Line(peak.said().replace(" x ", "\u{a0}\u{d7}\u{a0}")),
             ])
@@ -193,6 +198,15 @@ pub(super) fn peaks(html: &mut Markup, record: &Snapshot) {
         &["Frequency [Hz]", "Damping [%]", "Level [dB]", "Taken for"],
         &rows,
     );
+}
+
+/// Damping ratio with its standard error [%].
+pub(super) fn damping(peak: &PeakMark) -> Option<String> {
+    let percent = 100.0 * peak.damping?;
+    Some(match peak.damping_sd {
+        Some(sd) => mean_and_sd(percent, 100.0 * sd),
+        None => significant(percent),
+    })
 }
 
 /// Table of the assignments, with the force each implies.

@@ -115,18 +115,9 @@ fn signed(value: f64) -> String {
 }
 
 /// The rod's part of the page; `id` begins the ids of its figures.
-pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str) {
-    if let Some(only) = rod.only_record().filter(|_| rod.standing().next().is_none()) {
-        single::section(html, rod, only, id);
-        if !rod.rejections.is_empty() {
-            rejections(html, rod);
-            latest_refused(html, rod, id);
-        }
-        return;
-    }
-    if rod.is_refused_once() {
-        single::refused(html, rod, |html| latest_refused(html, rod, id));
-        return;
+pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str, provenance: &[(String, String)]) {
+    if rod.is_sheet() {
+        return single::section(html, rod, id, provenance);
     }
     html.leaf("h2", &[], format!("Rod {}", rod.rod));
     html.element("p", &[], |p| {
@@ -306,7 +297,7 @@ fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
 
 fn last_record(html: &mut Markup, rod: &RodReport, id: &str) {
     latest_spectrum(html, rod, id);
-    if let Some(latest) = rod.latest.as_ref().or(rod.baseline.as_ref()) {
+    if let Some(latest) = rod.shown() {
         taught(html, rod, latest, id);
     }
 }
@@ -327,7 +318,12 @@ pub(super) fn taught(html: &mut Markup, rod: &RodReport, latest: &Snapshot, id: 
         for (i, density) in latest.densities.iter().enumerate() {
             figure(
                 pair,
-                Some(distribution::density(rod, density, &format!("{id}-den{i}"))),
+                Some(distribution::density(
+                    rod,
+                    density,
+                    distribution::HIGH,
+                    &format!("{id}-den{i}"),
+                )),
                 "",
             );
         }
@@ -364,12 +360,27 @@ pub(super) fn taught(html: &mut Markup, rod: &RodReport, latest: &Snapshot, id: 
     }
 }
 
-/// Table of the sources of the force's variance.
+/// Sentences on the sources of the force's variance, and their table.
 fn hangs_on(html: &mut Markup, shares: &VarianceShares) {
     html.leaf("h3", &[], "What the force hangs on");
+    sentences(html, shares);
+    sources(
+        html,
+        shares,
+        "Shares of the variance of the absolute force; they add up to all of it. The last column is the part that would vanish if this source were known exactly: sources \
+         that the frequencies tie together overlap there.",
+    );
+}
+
+/// Sentences on the sources of the force's variance.
+pub(super) fn sentences(html: &mut Markup, shares: &VarianceShares) {
     for sentence in &shares.said {
         html.leaf("p", &[("class", "about")], format!("{sentence}."));
     }
+}
+
+/// Table of the sources of the force's variance.
+pub(super) fn sources(html: &mut Markup, shares: &VarianceShares, caption: &str) {
     let percent = |share: f64| Cell::Line(format!("{:.0} %", 100.0 * share));
     let rows: Vec<Vec<Cell>> = shares
         .sources
@@ -382,18 +393,12 @@ fn hangs_on(html: &mut Markup, shares: &VarianceShares) {
             ]
         })
         .collect();
-    table(
-        html,
-        "Shares of the variance of the absolute force; they add up to all of it. Sources that the frequencies tie together overlap in \
-         the last column.",
-        &["Source", "Share", "Less variance if known exactly"],
-        &rows,
-    );
+    table(html, caption, &["Source", "Share", "Less if known"], &rows);
 }
 
 /// The latest spectrum with its resonances, the baseline's first behind it.
 fn latest_spectrum(html: &mut Markup, rod: &RodReport, id: &str) {
-    let Some(latest) = rod.latest.as_ref().or(rod.baseline.as_ref()) else {
+    let Some(latest) = rod.shown() else {
         return;
     };
     let earlier = rod
@@ -407,6 +412,7 @@ fn latest_spectrum(html: &mut Markup, rod: &RodReport, id: &str) {
         earlier: earlier.map(|first| (first, format!("first of the baseline, {}", day(first.start)))),
         unit: rod.motion_unit.as_deref(),
         of: &of,
+        height: record::FULL,
     };
     let Some(spectrum) = drawn.spectrum(&format!("{id}-spec")) else {
         return;
@@ -437,9 +443,15 @@ fn motion_and_labels(record: &Snapshot) -> Option<String> {
 }
 
 /// The latest refused record: the reason, and its figures.
-fn latest_refused(html: &mut Markup, rod: &RodReport, id: &str) {
+pub(super) fn latest_refused(html: &mut Markup, rod: &RodReport, id: &str) {
     let Some(record) = &rod.refused else { return };
     html.leaf("h3", &[], "The latest refused record");
+    refused_said(html, rod, record, id);
+    refused_samples(html, rod, record, id);
+}
+
+/// A refused record: the reason, the assignments considered, its spectrum.
+pub(super) fn refused_said(html: &mut Markup, rod: &RodReport, record: &Snapshot, id: &str) {
     if let Some(reason) = &record.rejection {
         html.element("p", &[], |p| {
             p.leaf(
@@ -454,26 +466,43 @@ fn latest_refused(html: &mut Markup, rod: &RodReport, id: &str) {
             ));
         });
     }
-    let of = format!("the latest refused record of rod {}", rod.rod);
-    let drawn = Drawn {
-        record,
-        key: format!("refused record, {}", day(record.start)),
-        earlier: None,
-        unit: rod.motion_unit.as_deref(),
-        of: &of,
-    };
     record::candidates(html, &record.candidates);
+    let of = refused_of(rod);
     figure(
         html,
-        drawn.spectrum(&format!("{id}-refspec")),
+        drawn_refused(rod, record, &of).spectrum(&format!("{id}-refspec")),
         "Its spectrum with every peak that was found; none of them was believed to be a mode of the rod.",
     );
+}
+
+/// Waveform and peaks of a refused record.
+pub(super) fn refused_samples(html: &mut Markup, rod: &RodReport, record: &Snapshot, id: &str) {
     let words = record.motion.as_ref().map_or_else(
         || "Its waveform.".to_owned(),
         |motion| format!("Its waveform: {}.", motion_said(motion)),
     );
-    figure(html, drawn.waveform(&format!("{id}-refwave")), &words);
+    let of = refused_of(rod);
+    figure(
+        html,
+        drawn_refused(rod, record, &of).waveform(&format!("{id}-refwave")),
+        &words,
+    );
     record::peaks(html, record);
+}
+
+fn refused_of(rod: &RodReport) -> String {
+    format!("the latest refused record of rod {}", rod.rod)
+}
+
+fn drawn_refused<'s>(rod: &'s RodReport, record: &'s Snapshot, of: &'s str) -> Drawn<'s> {
+    Drawn {
+        record,
+        key: format!("refused record, {}", day(record.start)),
+        earlier: None,
+        unit: rod.motion_unit.as_deref(),
+        of,
+        height: record::FULL,
+    }
 }
 
 fn tables(html: &mut Markup, rod: &RodReport, id: &str) {
@@ -556,7 +585,7 @@ fn tables(html: &mut Markup, rod: &RodReport, id: &str) {
 }
 
 /// Refused records by reason.
-fn rejections(html: &mut Markup, rod: &RodReport) {
+pub(super) fn rejections(html: &mut Markup, rod: &RodReport) {
     html.leaf("h3", &[], "Refused records");
     let rows: Vec<Vec<Cell>> = rod
         .rejections

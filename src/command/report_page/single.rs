@@ -1,62 +1,130 @@
-//! A rod measured once: its force as the headline, facts, frequencies, figures, a line to sign; supporting
-//! tables on the next page.
+//! A rod measured once, as one sheet of A4: its force as the headline, facts, frequencies, figures, a line to sign. The
+//! evidence is an annex, printed on request.
 
+use super::axis::minus;
 use super::distribution::{self, mean_and_sd, significant};
 use super::markup::Markup;
 use super::page::{moment, state_text};
 use super::record::{self, Drawn};
 use super::rod::{self, Cell, figure, table};
 use super::view::{RecordPoint, RodReport};
-use crate::analysis::findings::motion_said;
+use crate::analysis::findings::{Doubt, motion_said};
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::Timestamp;
 use crate::analysis::track::RodState;
+use std::path::Path;
+
+/// Assignments of the peaks on the sheet of a force whose orders are in doubt.
+const ON_SHEET: usize = 3;
 
 /// The rod's part of the page; `id` begins the ids of its figures.
-pub(super) fn section(html: &mut Markup, rod: &RodReport, only: &RecordPoint, id: &str) {
+pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str, provenance: &[(String, String)]) {
     html.leaf("h2", &[], format!("Rod {}", rod.rod));
-    headline(html, rod, only);
-    let latest = rod.latest.as_ref().or(rod.baseline.as_ref());
-    facts(html, rod, only, latest);
-    if let Some(latest) = latest {
-        frequencies(html, latest);
-        figures(html, rod, latest, id);
+    match rod.only_record() {
+        Some(only) => measured(html, rod, only, id),
+        None => refused(html, rod, id),
     }
-    signature(html);
-    html.leaf("h2", &[], "What it rests on");
-    if let Some(latest) = latest {
-        let of = format!("rod {}", rod.rod);
-        let drawn = drawn(rod, latest, &of);
-        let words = latest.motion.as_ref().map_or_else(
-            || "The waveform.".to_owned(),
-            |motion| format!("The waveform: {}.", motion_said(motion)),
-        );
-        figure(html, drawn.waveform(&format!("{id}-wave")), &words);
-        record::peaks(html, latest);
-        record::candidates(html, &latest.candidates);
-        rod::taught(html, rod, latest, id);
-    }
-}
-
-/// The part of a rod whose only record was refused: no force, the facts, and then the record by `record`.
-pub(super) fn refused(html: &mut Markup, rod: &RodReport, record: impl FnOnce(&mut Markup)) {
-    html.leaf("h2", &[], format!("Rod {}", rod.rod));
-    html.element("p", &[("class", "headline")], |p| {
-        p.leaf("strong", &[], "No force");
-        p.text(": the record was refused, for the reason below");
+    let of_numbers = provenance.iter().map(|(name, value)| match name.as_str() {
+        "program" => value.clone(),
+        _ => format!("{name} {value}"),
     });
-    listed(html, rod.facts.clone());
-    record(html);
-    signature(html);
-}
-
-/// Lines to be filled in by hand.
-fn signature(html: &mut Markup) {
+    let line = of_numbers.collect::<Vec<_>>().join(" \u{b7} ");
+    html.leaf("p", &[("class", "from")], line);
     html.element("p", &[("class", "sign")], |p| {
         for name in ["Measured by", "Date", "Signature"] {
             p.leaf("span", &[], name);
         }
     });
+    // Open, it is printed on pages of its own; closed, the sheet alone.
+    html.element("details", &[("class", "annex")], |annex| {
+        annex.leaf(
+            "summary",
+            &[],
+            "Annex: waveform, every peak, what was known before and after (printed if open)",
+        );
+        match (rod.shown(), &rod.refused) {
+            (Some(latest), _) => evidence(annex, rod, latest, id),
+            (None, Some(record)) => rod::refused_samples(annex, rod, record, id),
+            (None, None) => {}
+        }
+    });
+}
+
+/// A record that gave a force.
+fn measured(html: &mut Markup, rod: &RodReport, only: &RecordPoint, id: &str) {
+    headline(html, rod, only);
+    facts(html, rod, only.start, only.temperature_c, rod.shown());
+    let Some(latest) = rod.shown() else { return };
+    let shares = latest.hangs_on.as_ref();
+    html.element("div", &[("class", "pair")], |pair| {
+        frequencies(pair, latest);
+        if let Some(shares) = shares {
+            rod::sources(pair, shares, "What the force hangs on: shares of its variance.");
+        }
+    });
+    let of = format!("rod {}", rod.rod);
+    figure(html, drawn(rod, latest, &of).spectrum(&format!("{id}-spec")), "");
+    html.element("div", &[("class", "pair")], |pair| {
+        let mut densities = latest.densities.iter();
+        if let Some(force) = densities.find(|density| density.quantity == "axial_force_n") {
+            figure(
+                pair,
+                Some(distribution::density(
+                    rod,
+                    force,
+                    distribution::LOW,
+                    &format!("{id}-force"),
+                )),
+                "",
+            );
+        }
+        pair.element("div", &[], |div| {
+            div.leaf(
+                "p",
+                &[("class", "about")],
+                "Grey: the force before; blue: after the measurement.",
+            );
+            if let Some(shares) = shares {
+                rod::sentences(div, shares);
+            }
+            if only.doubts.contains(&Doubt::Orders) {
+                let some = latest.candidates.get(..ON_SHEET);
+                record::candidates(div, some.unwrap_or(&latest.candidates));
+            }
+        });
+    });
+}
+
+/// All that the sheet has no room for.
+fn evidence(html: &mut Markup, rod: &RodReport, latest: &Snapshot, id: &str) {
+    let of = format!("rod {}", rod.rod);
+    let words = latest.motion.as_ref().map_or_else(
+        || "The waveform.".to_owned(),
+        |motion| format!("The waveform: {}.", motion_said(motion)),
+    );
+    figure(
+        html,
+        drawn(rod, latest, &of).waveform(&format!("{id}-wave")),
+        &words,
+    );
+    record::peaks(html, latest);
+    record::candidates(html, &latest.candidates);
+    rod::taught(html, rod, latest, id);
+    if !rod.rejections.is_empty() {
+        rod::rejections(html, rod);
+        rod::latest_refused(html, rod, id);
+    }
+}
+
+/// A record that gave none: the facts, and the reason.
+fn refused(html: &mut Markup, rod: &RodReport, id: &str) {
+    html.element("p", &[("class", "headline")], |p| {
+        p.leaf("strong", &[], "No force");
+        p.text(": the record was refused, for the reason below");
+    });
+    let Some(record) = &rod.refused else { return };
+    facts(html, rod, record.start, None, Some(record));
+    rod::refused_said(html, rod, record, id);
 }
 
 /// Facts as a list.
@@ -76,7 +144,8 @@ fn headline(html: &mut Markup, rod: &RodReport, only: &RecordPoint) {
     let kn = |newtons: f64| significant(1e-3 * newtons);
     html.element("p", &[("class", "headline")], |p| {
         p.text("Axial force ");
-        p.leaf("strong", &[], format!("{} kN", kn(only.force_n.mean)));
+        let mark = Doubt::mark(&only.doubts);
+        p.leaf("strong", &[], format!("{mark}{} kN", kn(only.force_n.mean)));
         p.text(format!(
             ", between {} and {} kN with 95 % probability",
             kn(only.force_n.q025),
@@ -95,27 +164,37 @@ fn headline(html: &mut Markup, rod: &RodReport, only: &RecordPoint) {
 }
 
 /// Facts of the rod and of the record.
-fn facts(html: &mut Markup, rod: &RodReport, only: &RecordPoint, latest: Option<&Snapshot>) {
+fn facts(
+    html: &mut Markup,
+    rod: &RodReport,
+    start: Timestamp,
+    temperature_c: Option<f64>,
+    record: Option<&Snapshot>,
+) {
     let mut facts = rod.facts.clone();
     let mut add = |name: &str, value: String| facts.push((name.to_owned(), value));
-    add("measured", began(only.start));
-    if let Some(latest) = latest {
+    add("measured", began(start));
+    if let Some(file) = &rod.file {
+        let name = Path::new(file).file_name().unwrap_or(file.as_ref());
+        add("file", name.to_string_lossy().into_owned());
+    }
+    if let Some(record) = record {
         add(
             "record",
-            format!("{:.1} s at {} Hz", latest.duration_s, significant(latest.fs_hz)),
+            format!("{:.1} s at {} Hz", record.duration_s, significant(record.fs_hz)),
         );
-        if let Some(motion) = &latest.motion {
+        if let Some(motion) = &record.motion {
             add("motion", motion_said(motion));
         }
-        if let Some(probability) = latest.label_probability {
+        if let Some(probability) = record.label_probability {
             add(
                 "orders of the modes",
                 format!("{} certain", super::percent_said(probability)),
             );
         }
     }
-    if let Some(celsius) = only.temperature_c {
-        add("temperature", format!("{celsius:.1} \u{b0}C"));
+    if let Some(celsius) = temperature_c {
+        add("temperature", minus(&format!("{celsius:.1} \u{b0}C")));
     }
     listed(html, facts);
 }
@@ -139,20 +218,19 @@ fn frequencies(html: &mut Markup, latest: &Snapshot) {
     let rows: Vec<Vec<Cell>> = modes
         .iter()
         .map(|(order, peak)| {
-            let damping = |zeta: f64| significant(100.0 * zeta);
             vec![
                 Cell::Text(order.to_string()),
                 Cell::Text(peak.sd_hz.map_or_else(
                     || significant(peak.frequency_hz),
                     |sd_hz| mean_and_sd(peak.frequency_hz, sd_hz),
                 )),
-                Cell::Text(peak.damping.map_or_else(String::new, damping)),
+                Cell::Text(record::damping(peak).unwrap_or_default()),
             ]
         })
         .collect();
     table(
         html,
-        "Natural frequencies with their standard error.",
+        "Natural frequencies and damping, with standard errors.",
         &["Mode", "Frequency [Hz]", "Damping [%]"],
         &rows,
     );
@@ -165,35 +243,6 @@ fn drawn<'s>(rod: &'s RodReport, latest: &'s Snapshot, of: &'s str) -> Drawn<'s>
         earlier: None,
         unit: rod.motion_unit.as_deref(),
         of,
-    }
-}
-
-/// Spectrum and the force before and after, beside each other.
-fn figures(html: &mut Markup, rod: &RodReport, latest: &Snapshot, id: &str) {
-    let of = format!("rod {}", rod.rod);
-    figure(
-        html,
-        drawn(rod, latest, &of).spectrum(&format!("{id}-spec")),
-        "How strongly the rod vibrates at each frequency, with its natural modes.",
-    );
-    let force = latest
-        .densities
-        .iter()
-        .find(|density| density.quantity == "axial_force_n");
-    if let Some(force) = force {
-        html.element("div", &[("class", "pair")], |pair| {
-            figure(
-                pair,
-                Some(distribution::density(rod, force, &format!("{id}-force"))),
-                "The force before (grey) and after the measurement (blue).",
-            );
-            if let Some(shares) = &latest.hangs_on {
-                pair.element("div", &[], |div| {
-                    for sentence in &shares.said {
-                        div.leaf("p", &[("class", "about")], format!("{sentence}."));
-                    }
-                });
-            }
-        });
+        height: record::LOW,
     }
 }

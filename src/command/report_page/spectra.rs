@@ -85,6 +85,7 @@ fn section(html: &mut Markup, one: &SpectrumReport, id: &str) {
         earlier: None,
         unit: one.unit.as_deref(),
         of: &one.channel,
+        height: record::FULL,
     };
     figure(html, drawn.spectrum(&format!("{id}-spec")), "");
     figure(html, drawn.waveform(&format!("{id}-wave")), "");

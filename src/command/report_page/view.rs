@@ -51,6 +51,8 @@ pub struct RodReport {
     pub latest: Option<Snapshot>,
     /// The latest refused record with samples.
     pub refused: Option<Snapshot>,
+    /// File of the latest record, if known.
+    pub file: Option<String>,
 }
 
 impl RodReport {
@@ -73,7 +75,13 @@ impl RodReport {
             baseline: None,
             latest: None,
             refused: None,
+            file: None,
         }
+    }
+
+    /// The latest identified record as kept: of its own, or as the first of its baseline.
+    pub fn shown(&self) -> Option<&Snapshot> {
+        self.latest.as_ref().or(self.baseline.as_ref())
     }
 
     /// Active alarms.
@@ -81,12 +89,19 @@ impl RodReport {
         self.alarms.iter().filter(|alarm| !alarm.is_over())
     }
 
-    /// The record of a rod measured only once, without another to compare it with.
+    /// The record of a rod measured only once, without another to compare it with or an alarm to tell.
     pub fn only_record(&self) -> Option<&RecordPoint> {
         match &self.records[..] {
-            [only] if only.ratio.is_none() && self.older_used == 0 => Some(only),
+            [only] if only.ratio.is_none() && self.older_used == 0 && self.standing().next().is_none() => {
+                Some(only)
+            }
             _ => None,
         }
+    }
+
+    /// True for a rod that fits one sheet: one record came, used or refused.
+    pub fn is_sheet(&self) -> bool {
+        self.only_record().is_some() || self.is_refused_once()
     }
 
     /// True for a rod of which one record came, which was refused.

@@ -292,7 +292,16 @@ impl Look {
             self.conflict().map(|conflict| conflict.score),
             self.conflict().map(|conflict| conflict.prior_tail),
             self.label_probability(),
+            self.axial_force_n.as_ref().map(|force| force.interval()),
         )
+    }
+
+    /// Those of the data in words, as lines.
+    pub fn said_doubts(&self) -> Vec<String> {
+        let conflict = self.conflict().into_iter();
+        conflict
+            .flat_map(|conflict| crate::command::findings::doubts(conflict, self.axial_force_n.as_ref()))
+            .collect()
     }
 
     /// Conflict of the configured rod with the record.

@@ -163,6 +163,7 @@ static PEAK: Type = Type {
         field("line", Flag, "true for a pure sine: interference"),
         field("sd_hz", Number, "standard error of the frequency [Hz]"),
         field("damping", Number, "damping ratio [-]"),
+        field("damping_sd", Number, "standard error of the damping ratio [-]"),
         field("level_db", Number, "height over the noise floor [dB]"),
         field(
             "taken_for",

@@ -101,11 +101,12 @@ const DOUBTS = {
   conflict: "model and data disagree: the force may be wrong by more than its interval says",
   prior: "hardly any rod of the prior has these frequencies: check length, section, material and expected force",
   orders: "the orders of the modes are not certain: other orders give another force",
+  wide: "the interval spans more than a factor of ten: the record hardly tells the force; see what it hangs on",
 };
 export const isAlone = (status) => !status.force_n && Boolean(status.axial_force_n);
 export const doubts = (status) => (status.force_n || status.axial_force_n ? status.doubts.map((doubt) => DOUBTS[doubt] ?? doubt) : []);
 export function force(status, show) {
-  const mark = doubts(status).length === 0 ? "" : status.doubts.every((doubt) => doubt === "orders") ? "? " : "! ";
+  const mark = doubts(status).length === 0 ? "" : status.doubts.some((doubt) => doubt === "conflict" || doubt === "prior") ? "! " : "? ";
   if (isAlone(status)) return [mark, ...interval(status.axial_force_n, show)];
   return [mark + (status.compensated || !status.relative_force ? "" : "~"), ...interval(status.force_n, show)];
 }

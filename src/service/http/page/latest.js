@@ -55,13 +55,16 @@ function drawDensity() {
   figures.density(density, chosen);
 }
 
+// Sources whose name for people is not their key.
+const SOURCES = { rigidity: "flexural rigidity", mass: "mass per length", springs: "supports", measurement: "measured frequencies", discrepancy: "model's discrepancy" };
+
 function drawSources(sources) {
   hangsOn.hidden = !sources;
   if (!sources) return;
   const percents = (name, value) => el("td", { class: "n", "data-name": name }, `${fixed(100 * value, 0)} %`);
   hangsOn.replaceChildren(
     table("What the force hangs on: shares of its variance.", [["source"], ["share", "n"], ["less variance if known", "n"]],
-      sources.sources.map((part) => el("tr", {}, el("td", {}, part.source), percents("share", part.share), percents("less variance if known", part.if_known)))),
+      sources.sources.map((part) => el("tr", {}, el("td", {}, SOURCES[part.source] ?? part.source), percents("share", part.share), percents("less variance if known", part.if_known)))),
     ...sources.said.map((sentence) => el("p", {}, `${sentence}.`)));
 }
 

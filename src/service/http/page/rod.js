@@ -136,10 +136,12 @@ function recordDoubts(record) {
   const isConflict = record.conflict != null && record.conflict >= 3;
   const isPrior = !isConflict && record.prior_tail != null && record.prior_tail <= 0.01;
   const isOrders = record.label_probability != null && record.label_probability < 0.99;
+  const { q025: low, q975: high } = record.axial_force_n ?? {};
+  const isWide = low * high <= 0 || Math.max(high / low, low / high) > 10;
   return {
-    mark: isConflict || isPrior ? "! " : isOrders ? "? " : "",
+    mark: isConflict || isPrior ? "! " : isOrders || isWide ? "? " : "",
     words: [isConflict ? `conflict ${fixed(record.conflict, 1)}` : null, isPrior ? "hardly in the prior" : null,
-      isOrders ? `orders right with ${share(record.label_probability)}` : null].filter(Boolean),
+      isOrders ? `orders right with ${share(record.label_probability)}` : null, isWide ? "wide interval" : null].filter(Boolean),
   };
 }
 

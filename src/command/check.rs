@@ -66,7 +66,7 @@ fn name_sensors(rod: &RodConfig) {
         .collect();
     if let (Some(beside), id) = (&rod.channels.beside, &rod.analysis.rod) {
         tell!(
-            "rod {id}: {} sensors, identified jointly: {}; one is waited for up to {} h (track.reorder_window_h)",
+            "rod {id}: {} sensors, identified jointly: {}; one is waited for up to {} h (track.reorder_window_h, a minute at least)",
             named.len(),
             named.join(", "),
             beside.wait_s / 3600.0

@@ -543,7 +543,8 @@ const PAPER: Figures = &[
     ("load", 0.217, 0.013),
     ("load-1", 0.087, 0.006),
     ("mass", 0.258, 0.028),
-    ("strain", 0.804, 0.026),
+    ("strain", 0.595, 0.025),
+    ("strain-there", 0.602, 0.027),
     ("caliper", 0.617, 0.028),
     ("density", 0.920, 0.013),
     ("caliper-density", 0.144, 0.009),
@@ -585,6 +586,8 @@ fn central() -> (String, Vec<f64>) {
         .map(|order| Query::Frequency { order, mass: None })
         .chain((1..=2).map(|order| Query::Frequency {
             order,
+    ("strain", 0.866, 0.015),
+    ("strain-there", 0.846, 0.010),
             mass: Some(MASS),
         }))
         .chain([kinds()[1].1[0].0])
@@ -836,3 +839,12 @@ fn plan_ranks_measurements() {
     assert_eq!(unknown.status.code(), Some(2));
     assert!(text(&unknown.stderr).contains("measurements are load"));
 }
+    let svg = cache.path().join("plan.svg");
+    let drawn = tirante(&cache, &["plan", "--rods", "4", "--svg", svg.to_str().unwrap()]);
+    assert!(drawn.status.success(), "{}", text(&drawn.stderr));
+    let svg = std::fs::read_to_string(svg).unwrap();
+    let bars = svg.matches("class=\"bar\"").count();
+    assert!(
+        bars == rows.len() && svg.contains("a load at mid-span, its deflection to 1 %"),
+        "{bars}"
+    );

@@ -360,6 +360,30 @@ fn a_slip_of_a_unit_is_refused_by_name_where_the_prior_knows_better() {
     );
 }
 
+/// Slips of other kinds: with the error that a value in another unit is told with.
+#[test]
+fn slips_of_strains_and_masses_are_named() {
+    let prior = informed();
+    let mut data = measured(&prior, 0.01, &prior.centre(), &kinds()[6].1, 5);
+    let strain = data.last_mut().unwrap();
+    strain.value *= 1e6;
+    strain.sd = 0.2 * strain.value.abs();
+    let micro = posterior(&prior, 0.01, data, 1).unwrap_err().to_string();
+    assert!(
+        micro.contains("would agree if the strain was in microstrain"),
+        "{micro}"
+    );
+    let mut data = measured(&prior, 0.01, &prior.centre(), &kinds()[4].1, 5);
+    // 20 kg, told as 44.
+    for datum in &mut data[3..] {
+        if let Query::FrequencyRatio { mass, .. } = &mut datum.query {
+            mass.mass_kg = 44.0;
+        }
+    }
+    let pounds = posterior(&prior, 0.01, data, 1).unwrap_err().to_string();
+    assert!(pounds.contains("if the mass was in lb, not kg"), "{pounds}");
+}
+
 /// Its own error, 3 % of a value a thousand times too large, widened the range that the value was held against.
 #[test]
 fn a_deflection_too_large_by_any_power_of_ten_is_refused() {

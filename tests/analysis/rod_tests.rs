@@ -586,6 +586,8 @@ const INFORMED: Figures = &[
     ("density", 0.80, 0.01),
     ("caliper-density", 0.52, 0.02),
     ("springs", 0.99, 0.03),
+    ("strain", 0.866, 0.015),
+    ("strain-there", 0.846, 0.010),
 ];
 
 fn tirante(cache: &tempfile::TempDir, arguments: &[&str]) -> std::process::Output {
@@ -610,8 +612,6 @@ fn central() -> (String, Vec<f64>) {
         .map(|order| Query::Frequency { order, mass: None })
         .chain((1..=2).map(|order| Query::Frequency {
             order,
-    ("strain", 0.866, 0.015),
-    ("strain-there", 0.846, 0.010),
             mass: Some(MASS),
         }))
         .chain([kinds()[1].1[0].0])
@@ -811,6 +811,11 @@ fn tests_of_the_configuration_sharpen_every_record_but_not_its_force() {
         "{mean} +- {sd}"
     );
 
+    let load = 1e3 * y[5];
+    let measured = format!(
+        "frequencies_hz = [{:.4}, {:.4}, {:.4}]\nsd_hz = 0.01\n",
+        y[0], y[1], y[2]
+    );
     let refused = |key: &str| {
         let broken = format!("[[rod.test]]\ntime = 2025-05-13T10:00:00Z\n{key}\n\n[record]");
         std::fs::write(&path, todi.replace("[record]", &broken)).unwrap();
@@ -824,10 +829,28 @@ fn tests_of_the_configuration_sharpen_every_record_but_not_its_force() {
         ("frequencies_hz = [4.5, 9.3]", "sd_hz"),
         ("weight = 3", "unknown key"),
         ("", "holds no measurement"),
+        // Two loads that contradict each other, whatever their rod's force; the deflection of 300 kgf.
+        (
+            &format!(
+                "{measured}load = [\"300N@0.5L={load:.4}mm+-3%\", \"300N@0.5L={:.4}mm+-3%\"]",
+                1.6 * load
+            ),
+            "rod todi: tests of the rod: they contradict each other, so none is used; mend or leave out one of: deflection at 0.500 l",
+        ),
+        (
+            &format!("{measured}load = \"300N@0.5L={:.4}mm+-3%\"", 9.806_65 * load),
+            "if the load was given in kgf, not N",
+        ),
     ] {
         let all = refused(key);
         assert!(all.contains(said), "{key}: {all}");
     }
+
+    let later = "[[rod.test]]\ntime = 2200-05-13T10:00:00Z\nmeasured = \"density=7500kg/m3+-1%\"\n\n[record]";
+    std::fs::write(&path, todi.replace("[record]", later)).unwrap();
+    let output = tirante(&cache, &["check", "--quiet", path.to_str().unwrap()]);
+    let said = text(&output.stderr);
+    assert!(output.status.success() && said.contains("still to come"), "{said}");
 }
 
 #[test]
@@ -859,10 +882,6 @@ fn plan_ranks_measurements() {
         (rows[0]["key"].as_str(), rows[1]["key"].as_str()),
         (Some("load"), Some("caliper"))
     );
-    let unknown = tirante(&cache, &["plan", "--minutes", "rope=3"]);
-    assert_eq!(unknown.status.code(), Some(2));
-    assert!(text(&unknown.stderr).contains("measurements are load"));
-}
     let svg = cache.path().join("plan.svg");
     let drawn = tirante(&cache, &["plan", "--rods", "4", "--svg", svg.to_str().unwrap()]);
     assert!(drawn.status.success(), "{}", text(&drawn.stderr));
@@ -872,3 +891,7 @@ fn plan_ranks_measurements() {
         bars == rows.len() && svg.contains("a load at mid-span, its deflection to 1 %"),
         "{bars}"
     );
+    let unknown = tirante(&cache, &["plan", "--minutes", "rope=3"]);
+    assert_eq!(unknown.status.code(), Some(2));
+    assert!(text(&unknown.stderr).contains("measurements are load"));
+}

@@ -13,6 +13,7 @@
 
 use super::exact::{self, Support};
 use super::{Beam, OutsideRange};
+use std::f64::consts::PI;
 
 /// Tension `N l^2 / EI` below which the static answer is that of this tension: an error of 1e-5 at most, where less would cancel.
 const LEAST_TENSION: f64 = 1e-4;
@@ -65,20 +66,32 @@ pub fn loaded_frequency(beam: &Beam, free_hz: &[f64], mass: PointMass) -> Result
     let square = |f: Option<&f64>| f.map_or(0.0, |f| (f / unit) * (f / unit));
     let bracket = [square(free_hz.iter().rev().nth(1)), square(free_hz.last())];
     let ratio = mass.mass_kg / (beam.mass_per_length_kg_m * beam.length_m);
-    Ok(unit * loaded_square(bracket, t, &supports, ratio, mass.at).sqrt())
+    let sine = libm::sin(PI * free_hz.len() as f64 * mass.at);
+    let usual = 2.0 * ratio * sine * sine;
+    Ok(unit * loaded_square(bracket, t, &supports, (ratio, mass.at), usual).sqrt())
 }
 
 /// `(phi q)^2` of the mode with the mass. In `s = (phi q)^2` the function `(s_n - s)(s - s_(n-1)) (1 - mu s G)` is smooth up to both
-/// ends, where `1 - mu s G` itself has poles, positive on the left of the root and negative on the right.
-fn loaded_square([lower, upper]: [f64; 2], t: f64, supports: &[Support; 2], ratio: f64, at: f64) -> f64 {
+/// ends, where `1 - mu s G` itself has poles, positive on the left of the root and negative on the right. `usual` is the mass in units
+/// of the mode's own, were its shape a sine: the search begins there.
+fn loaded_square(
+    [lower, upper]: [f64; 2],
+    t: f64,
+    supports: &[Support; 2],
+    (ratio, at): (f64, f64),
+    usual: f64,
+) -> f64 {
     let value = |s: f64| {
         let phi = (2.0 * s / (t + (t * t + 4.0 * s).sqrt())).sqrt();
         let raw = 1.0 - ratio * s * response(phi, t, supports, at, at);
         (upper - s) * (s - lower) * raw
     };
     let (mut low, mut high) = (lower, upper);
-    // One mode alone, its share of the response read close below the upper end.
-    let near = upper - 0.01 * (upper - lower);
+    // One mode alone, its share of the response read where a sine would have the root.
+    let width = upper - lower;
+    let near = (upper / (1.0 + usual))
+        .max(upper - 0.5 * width)
+        .min(upper - 0.01 * width);
     let at_near = value(near);
     let share = (1.0 - at_near / ((upper - near) * (near - lower))) * (upper - near) / near;
     let mut previous = (near, at_near);
@@ -108,8 +121,6 @@ fn loaded_square([lower, upper]: [f64; 2], t: f64, supports: &[Support; 2], rati
         let slope = (s - previous.0) / (found - previous.1);
         let bend = older.map_or(0.0, |(last, value)| (slope - last) / (found - value));
         let guess = s - found * (slope - previous.1 * bend);
-        // A line's error is about the product of the last two, which the steps are; a parabola's is smaller by a third.
-        let enough = if older.is_some() { 3e-7 } else { 1e-8 };
         older = Some((slope, previous.1));
         previous = (s, found);
         let inside = guess > low && guess < high;
@@ -120,7 +131,8 @@ fn loaded_square([lower, upper]: [f64; 2], t: f64, supports: &[Support; 2], rati
         };
         let moved = (next - s).abs();
         s = next;
-        if moved * before <= enough * s * s && inside || high - low <= 1e-15 * s {
+        // A line's error is about the product of the last two, which the steps are; a parabola's is smaller.
+        if moved * before <= 3e-7 * s * s && inside || high - low <= 1e-15 * s {
             break;
         }
         before = moved;

@@ -4,7 +4,7 @@ mod array;
 
 pub use array::{ArrayResult, Joint, LeftOut, Sensed, Sensor, Sensors};
 
-use crate::inference::joint::Datum;
+use crate::inference::joint::{Datum, DatumConflict};
 use crate::inference::{
     AbcSettings, Conflict, Inference, Marginal, Observation, PlanError, Posterior, Table, Tables, Tested,
     VarianceShares,
@@ -223,6 +223,11 @@ impl Plan {
             modal,
             inference,
         })
+    }
+
+    /// Data of the rod's tests that the others hardly allow.
+    pub fn doubts(&self) -> &[DatumConflict] {
+        self.inference.doubts()
     }
 
     /// Draws the table of simulated draws now, not with the first record.

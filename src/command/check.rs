@@ -1,7 +1,9 @@
 //! `tirante check`: reports every fault of a configuration at once, or prints the effective one.
 
+use crate::analysis::inference;
 use crate::config::{Config, ConfigError, RodConfig, Setting};
 use crate::site::baselines::{self, Prospect};
+use crate::site::clock;
 use crate::site::store::Reader;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -46,15 +48,52 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             if let Some(store) = &args.against {
                 return against(&config, store, args.quiet);
             }
-            if !args.quiet {
-                for rod in &config.rods {
+            for rod in &config.rods {
+                if !args.quiet {
                     name_sensors(rod);
                 }
+                doubt_dates(rod);
+            }
+            let contradict = config.rods.iter().filter(|rod| !agree(rod, config.seed));
+            if contradict.count() > 0 {
+                return Ok(ExitCode::from(super::USAGE));
+            }
+            if !args.quiet {
                 return super::print(config.effective().as_bytes());
             }
             Ok(ExitCode::SUCCESS)
         }
         Err(error) => Ok(refuse(&error)),
+    }
+}
+
+/// Warns of tests that are still to come: no record can be of their moment.
+fn doubt_dates(rod: &RodConfig) {
+    let latest = clock::latest_past(clock::now());
+    for test in rod.analysis.tests.iter().filter(|test| test.time > latest) {
+        let (rod, time) = (&rod.analysis.rod, test.time);
+        tell!("warning: rod {rod}: a test is dated {time}, which is still to come: no record has its force");
+    }
+}
+
+/// True if a rod's tests agree with each other and with its prior; says so where they do not.
+fn agree(rod: &RodConfig, seed: u64) -> bool {
+    let RodConfig { analysis, .. } = rod;
+    if analysis.tests.is_empty() {
+        return true;
+    }
+    let tests: Vec<_> = analysis.tests.iter().map(|test| test.data.clone()).collect();
+    match inference::agreed(&analysis.prior, &analysis.discrepancy, &tests, seed) {
+        Ok((_, doubts)) => {
+            for doubt in doubts {
+                tell!("warning: rod {}: its tests hardly agree: {doubt}", analysis.rod);
+            }
+            true
+        }
+        Err(error) => {
+            tell!("rod {}: tests of the rod: {error}", analysis.rod);
+            false
+        }
     }
 }
 
@@ -66,7 +105,7 @@ fn name_sensors(rod: &RodConfig) {
         .collect();
     if let (Some(beside), id) = (&rod.channels.beside, &rod.analysis.rod) {
         tell!(
-            "rod {id}: {} sensors, identified jointly: {}; one is waited for up to {} h (track.reorder_window_h)",
+            "rod {id}: {} sensors, identified jointly: {}; one is waited for up to {} h (track.reorder_window_h, a minute at least)",
             named.len(),
             named.join(", "),
             beside.wait_s / 3600.0

@@ -1,11 +1,13 @@
 //! `tirante plan`: ranks further measurements of a rod.
 
 use super::progress::Progress;
+use super::report_page::{Share, shares};
 use super::setup::{self, Setup};
 use super::which_store::Output;
 use super::{BadArguments, print};
 use crate::analysis::inference::joint::next::{self, Campaign, Worth};
 use serde::Serialize;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Width of a bar for the whole standard deviation.
@@ -19,6 +21,7 @@ const BAR: f64 = 40.0;
 #[command(after_help = "Examples:
   tirante plan --config site.toml --rod north-3
   tirante plan --config site.toml --minutes load=10,mass=20,caliper=5
+  tirante plan --svg plan.svg
   tirante plan --format json")]
 pub struct Args {
     /// Rod of the configuration; required if it has several.
@@ -37,6 +40,10 @@ pub struct Args {
     /// Simulated rods to average over.
     #[arg(long, value_name = "COUNT", default_value_t = 16, value_parser = clap::value_parser!(u32).range(4..=10_000))]
     pub rods: u32,
+
+    /// Draw the ranking into an SVG file, too.
+    #[arg(long, value_name = "FILE")]
+    pub svg: Option<PathBuf>,
 
     /// Text or JSON.
     #[command(flatten)]
@@ -111,17 +118,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             .total_cmp(&gain(a))
             .then(a.worth.left.total_cmp(&b.worth.left))
     });
-    let mut text = String::new();
-    if args.output.is_json() {
-        for row in &rows {
-            text += &serde_json::to_string(row)?;
-            text.push('\n');
-        }
-        return print(text.as_bytes());
-    }
-    text += &format!(
-        "{}\n\n  share of the standard deviation of N left beside {} frequencies to {} Hz{}, {} rods\n\n",
-        analysis.rod,
+    let of = format!(
+        "share of the standard deviation of N left beside {} frequencies to {} Hz{}, {} rods",
         analysis.modes.count,
         args.sd,
         if done.is_empty() {
@@ -131,6 +129,23 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         },
         rows.first().map_or(0, |row| row.worth.rods)
     );
+    if let Some(path) = &args.svg {
+        draw(
+            path,
+            &format!("{}: what to measure next", analysis.rod),
+            &of,
+            &rows,
+        )?;
+    }
+    let mut text = String::new();
+    if args.output.is_json() {
+        for row in &rows {
+            text += &serde_json::to_string(row)?;
+            text.push('\n');
+        }
+        return print(text.as_bytes());
+    }
+    text += &format!("{}\n\n  {of}\n\n", analysis.rod);
     for row in &rows {
         let bar = "#".repeat((BAR * row.worth.left.clamp(0.0, 1.0)).round() as usize);
         let minutes = row.minutes.map_or_else(String::new, |m| format!("   {m:>4} min"));
@@ -140,6 +155,19 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         );
     }
     print(text.as_bytes())
+}
+
+fn draw(path: &Path, title: &str, of: &str, rows: &[Row<'_>]) -> anyhow::Result<()> {
+    let bars: Vec<Share> = rows
+        .iter()
+        .map(|row| Share {
+            name: row.worth.measurement.clone(),
+            share: row.worth.left,
+            error: row.worth.error,
+            note: row.minutes.map_or_else(String::new, |m| format!("{m} min")),
+        })
+        .collect();
+    super::study::write(path, &shares(title, of, &bars))
 }
 
 fn minutes<'c>(

@@ -116,7 +116,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     print(text.as_bytes())
 }
 
-fn write(path: &Path, text: &str) -> anyhow::Result<()> {
+/// Replaces a file as a whole.
+pub(super) fn write(path: &Path, text: &str) -> anyhow::Result<()> {
     let at = || format!("the file {}", path.display());
     let mut file = AtomicFile::create(path).with_context(at)?;
     file.write_all(text.as_bytes()).with_context(at)?;

@@ -245,5 +245,11 @@ pub fn described(tested: &Tested, mean_n: f64, sd_n: f64) -> Vec<String> {
             lines.push(format!("  ! contradicts the others{hint}: the force is in doubt"));
         }
     }
+    if tested.conflicts.len() == 2 && tested.conflicts.iter().all(|conflict| conflict.score < MARKED) {
+        lines.push(
+            "  one test alone: a slip within the reach of the prior does not show; a second test, of another kind, would show it"
+                .to_owned(),
+        );
+    }
     lines
 }

@@ -217,6 +217,7 @@ impl Config {
         };
         let rods = rod::read_all(root, &shared);
         emulator::check_chaos(root, model, &rods);
+        sensor::check_patience(root, alarm.silence_s, &rods);
         #[cfg(feature = "daemon")]
         let sinks = sink::read_all(root, &rods);
         #[cfg(feature = "daemon")]

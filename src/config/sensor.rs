@@ -1,5 +1,6 @@
 //! `[[rod.sensor]]`: further sensors of a rod, beside that of `[rod.channel]`.
 
+use super::RodConfig;
 use super::channel;
 use super::range::Range;
 use super::reader::{Absent, Table, key};
@@ -55,6 +56,29 @@ pub(super) fn all(
     let channels = further.into_iter().map(|further| further.channel).collect();
     let wait_s = wait_s.max(LEAST_WAIT_S);
     (sensors, Beside { channels, wait_s })
+}
+
+/// Refuses a silence that is told before the records of a rod one of whose sensors died.
+pub(super) fn check_patience(root: &Table<'_>, silence_s: f64, rods: &[Option<RodConfig>]) {
+    for rod in rods.iter().flatten() {
+        if let Some(beside) = rod
+            .channels
+            .beside
+            .as_ref()
+            .filter(|beside| beside.wait_s >= silence_s)
+        {
+            root.fault_of(
+                "alarm",
+                format!(
+                    "silence_h = {} is not longer than the {} h for which a sensor of rod {} is waited for (track.reorder_window_h, a \
+                     minute at least): one that dies would be told as no data of the rod",
+                    silence_s / 3600.0,
+                    beside.wait_s / 3600.0,
+                    rod.analysis.rod
+                ),
+            );
+        }
+    }
 }
 
 /// Place of the sensor of `[rod.channel]`, wanted where there are others, with its standard error \[m\], and error of the calibration.

@@ -110,7 +110,7 @@ pub fn analyse(event: Event, plans: &BTreeMap<RodId, Plan>, known: &Known) -> An
         Event::Rejected { .. } | Event::Readings { .. } => (None, None),
         Event::Record(record) => (Some(caught(|| plan(&record.rod).run(record))), None),
         Event::Moment(moment) if event.record().is_none() => {
-            (None, Some(plan(&moment.rod).sensors_without_record(moment)))
+            (None, Some(plan(&moment.rod).sensors_unused(moment, "")))
         }
         Event::Moment(moment) => {
             let mut sensors = None;
@@ -119,7 +119,8 @@ pub fn analyse(event: Event, plans: &BTreeMap<RodId, Plan>, known: &Known) -> An
                 sensors = Some(named);
                 found
             });
-            (Some(found), sensors)
+            let broken = || plan(&moment.rod).sensors_unused(moment, "the analysis of the moment broke");
+            (Some(found), sensors.or_else(|| Some(broken())))
         }
     };
     let outcome = match (event.into_first(), found) {

@@ -100,7 +100,12 @@ pub fn plans<S: Fn(usize, usize) + Sync>(
         let solved = solves_of(&settings.rod);
         let model = emulator_cache::model(&settings.model, &settings.prior, &cache, &solved)?;
         drop(solved);
-        plans.insert(settings.rod.clone(), Plan::new(settings, model, &tables)?);
+        let rod = settings.rod.clone();
+        let plan = Plan::new(settings, model, &tables)?;
+        for doubt in plan.doubts() {
+            tracing::warn!(%rod, "the rod's tests hardly agree: {doubt}");
+        }
+        plans.insert(rod, plan);
     }
     Ok(plans)
 }

@@ -104,7 +104,10 @@ fn without_record(moment: &Moment) -> Vec<(usize, String)> {
         Event::Rejected { rejection, .. } => Some((*sensor, rejection.to_string())),
         _ => None,
     });
-    let nothing = "no record that belongs to this moment";
+    let nothing = match moment.is_early {
+        true => "the moment closed before its record came: what waits for other sensors took too much memory",
+        false => "no record that belongs to this moment",
+    };
     let absent = moment.absent.iter().map(|sensor| (*sensor, nothing.to_owned()));
     refused.chain(absent).collect()
 }
@@ -141,9 +144,10 @@ impl Plan {
         (outcome, sensors)
     }
 
-    /// Sensors of a moment that has no record.
-    pub fn sensors_without_record(&self, moment: &Moment) -> Sensors {
-        self.named(&[], without_record(moment))
+    /// Sensors of a moment of which no record was used, for the reason `why`.
+    pub fn sensors_unused(&self, moment: &Moment, why: &str) -> Sensors {
+        let records = moment.records().map(|(sensor, _)| (sensor, why.to_owned()));
+        self.named(&[], records.chain(without_record(moment)).collect())
     }
 
     /// Sensors by name, those left out in their order.

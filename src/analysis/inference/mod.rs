@@ -38,4 +38,4 @@ pub use posterior::{Marginal, Posterior, Stop};
 pub use settings::{AbcSettings, Accept, Adjustment, Distance, Method, Noise};
 pub use table::{LaterTable, Statics, Table, Tables};
 pub use variance_shares::{MassDependence, SourceShare, VarianceShares};
-pub use with_tests::{SensorRatio, Tested};
+pub use with_tests::{SensorRatio, Tested, agreed};

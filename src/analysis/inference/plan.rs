@@ -3,13 +3,13 @@
 use super::abc::{self, Accepted};
 use super::conflict::{self, Conflict};
 use super::distance::{self, Target};
-use super::joint::{Datum, Joint, JointError, JointSettings};
+use super::joint::{Datum, DatumConflict, JointError};
 use super::posterior::Posterior;
 use super::prior_place::prior_place;
 use super::sequential::{self, SequentialSettings};
 use super::table::{LaterTable, NoiseTable, Statics, Table, Tables};
 use super::variance_shares::{VarianceShares, variance_shares};
-use super::{AbcSettings, Accept, Adjustment, Distance, Method, Noise, Observation, adjust};
+use super::{AbcSettings, Accept, Adjustment, Distance, Method, Noise, Observation, adjust, with_tests};
 use crate::numerics::diagnostics;
 use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
 use crate::rod::prior::RodPrior;
@@ -119,6 +119,7 @@ pub struct Inference {
     noise: NoiseTable,
     /// The table's rods are those that tests left.
     is_tested: bool,
+    doubts: Vec<DatumConflict>,
 }
 
 impl Inference {
@@ -149,6 +150,7 @@ impl Inference {
             discrepancy,
             settings,
             is_tested: false,
+            doubts: Vec::new(),
         })
     }
 
@@ -156,7 +158,7 @@ impl Inference {
     /// the prior of every record.
     ///
     /// # Errors
-    /// Tests that give no posterior, or a sequence of populations, which has no table.
+    /// Tests that give no posterior or contradict each other, or a sequence of populations, which has no table.
     pub fn after(self, tests: &[Vec<Datum>], tables: &Tables) -> Result<Self, PlanError> {
         if tests.is_empty() {
             return Ok(self);
@@ -164,17 +166,7 @@ impl Inference {
         if self.settings.method == Method::Sequential {
             return Err(PlanError::SequentialTests);
         }
-        let joint = Joint {
-            prior: &self.prior,
-            discrepancy: &self.discrepancy,
-            moments: tests,
-            settings: JointSettings {
-                // Every record draws from these particles.
-                sample: 5 * JointSettings::default().sample,
-                ..JointSettings::default()
-            },
-        };
-        let found = joint.posterior_alone(tables.seed())?;
+        let (found, doubts) = with_tests::agreed(&self.prior, &self.discrepancy, tests, tables.seed())?;
         let statics = Some(Arc::new(Statics::of(&found)));
         Ok(Self {
             table: tables.simulated(
@@ -185,8 +177,14 @@ impl Inference {
                 statics,
             ),
             is_tested: true,
+            doubts,
             ..self
         })
+    }
+
+    /// Data of the tests that the others hardly allow.
+    pub fn doubts(&self) -> &[DatumConflict] {
+        &self.doubts
     }
 
     /// Discrepancy that the generative model adds to the table's frequencies: none if tests have already

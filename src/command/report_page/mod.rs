@@ -4,6 +4,7 @@
 //! * [`page`](mod@page)      the whole page
 //! * [`terminal`] a small plot in the terminal
 //! * [`study`](fn@study) the paper's study as a page
+//! * [`shares`](fn@shares) bars of shares as a file of its own
 //! * `rod`         one rod's part of it
 //! * `single`      that of a rod measured once: to hand in and to sign
 //! * `history`     figures over time: forces, temperature, frequencies, charts
@@ -27,6 +28,7 @@ mod markup;
 pub mod page;
 mod record;
 mod rod;
+mod shares;
 mod single;
 mod spectra;
 mod study;
@@ -35,6 +37,7 @@ pub mod view;
 
 pub use distribution::quantity;
 pub use page::page;
+pub use shares::{Share, shares};
 pub use spectra::spectra;
 pub use study::study;
 pub use view::SiteReport;

@@ -25,7 +25,8 @@ struct SavedRod {
     assembler: Vec<u8>,
 }
 
-/// What waits for other sensors of a rod; behind the rest, and only where a rod has several.
+/// What waits for other sensors of a rod; behind the rest, with the growth since the memory was checked: a restart must not change
+/// when it is checked next.
 #[derive(Serialize, Deserialize)]
 struct SavedMoments {
     rod: RodId,
@@ -75,9 +76,7 @@ pub(super) fn encode(router: &Router, settings: &RecordSettings) -> Result<Vec<u
         }))
     });
     let moments: Vec<SavedMoments> = moments.collect::<Result<_, postcard::Error>>()?;
-    if !moments.is_empty() {
-        body.extend(postcard::to_stdvec(&moments)?);
-    }
+    body.extend(postcard::to_stdvec(&(moments, router.grown))?);
     Ok(body)
 }
 
@@ -120,13 +119,14 @@ pub(super) fn decode(
         router.set_fed_by(at, saved.fed_by);
         router.restore(at, assembler, saved.messages);
     }
-    let moments: Vec<SavedMoments> = match rest.is_empty() {
-        true => Vec::new(),
+    let (moments, grown): (Vec<SavedMoments>, usize) = match rest.is_empty() {
+        true => (Vec::new(), 0),
         false => postcard::from_bytes(rest).unwrap_or_else(|_| {
             lost.push("what waited for the records of other sensors comes from another version of the program; it is left out".to_owned());
-            Vec::new()
+            (Vec::new(), 0)
         }),
     };
+    router.grown = grown;
     for saved in moments {
         let at = router
             .rods
@@ -142,4 +142,21 @@ pub(super) fn decode(
         }
     }
     (router, lost)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Config;
+
+    #[test]
+    fn the_memory_is_checked_next_as_without_a_restart() {
+        let config = Config::built_in();
+        let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
+        let mut router = Router::new(&channels, &config.record);
+        router.grown = 12_345;
+        let body = encode(&router, &config.record).unwrap();
+        let (again, lost) = decode(&body, &channels, &config.record);
+        assert!(again.grown == 12_345 && lost.is_empty(), "{lost:?}");
+    }
 }

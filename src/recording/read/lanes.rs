@@ -1,7 +1,7 @@
 //! Events of a rod's sensors, each of which is read as a lane of its own: of one sensor as they are, of several as moments.
 
 use super::route::Rod;
-use crate::analysis::signal::record::{Event, Timestamp};
+use crate::analysis::signal::record::{Event, Moment, Timestamp};
 use std::sync::Arc;
 
 /// An event of a rod, complete at a time, with the file that holds its last sample where several are read as one.
@@ -19,7 +19,7 @@ pub(super) fn collect(lanes: &mut [Rod], all: bool, to: &mut Vec<Found>) {
         }
         return;
     };
-    let mut readings = Vec::new();
+    let (mut readings, mut alone) = (Vec::new(), Vec::new());
     for (
         sensor,
         Rod {
@@ -32,11 +32,7 @@ pub(super) fn collect(lanes: &mut [Rod], all: bool, to: &mut Vec<Found>) {
         for (at, event) in assembler.timed_events() {
             match event {
                 Event::Readings { .. } => readings.push((sensor, at, event)),
-                event => to.extend(
-                    moments
-                        .push(sensor, at, event)
-                        .map(|(at, moment)| (at, Event::Moment(moment), None)),
-                ),
+                event => alone.extend(moments.push(sensor, at, event)),
             }
         }
         match (assembler.pending_from(), assembler.complete_until()) {
@@ -48,23 +44,27 @@ pub(super) fn collect(lanes: &mut [Rod], all: bool, to: &mut Vec<Found>) {
     }
     // Of a rod whose sensors all ended nothing is to come.
     let all = all || lanes.iter().all(|lane| lane.assembler.complete_until().is_none());
-    while let Some((at, moment)) = moments.next(all) {
-        let seen = moment.seen.first();
-        let origin = seen.and_then(|(sensor, event)| lanes.get(*sensor)?.files.of(event));
-        to.push((at, Event::Moment(moment), origin));
+    alone.extend(std::iter::from_fn(|| moments.next(all)));
+    to.extend(alone.into_iter().map(|moment| found(lanes, moment)));
+    // Every lane has the rod's readings.
+    for (sensor, at, event) in readings {
+        if matches!(&event, Event::Readings { readings, .. } if moments.takes_readings(sensor, readings)) {
+            let origin = lanes[sensor].files.of(&event);
+            to.push((at, event, origin));
+        }
     }
-    // Every lane has the rod's readings: those count that go on where the latest moment's end.
-    let going_on = readings
-        .into_iter()
-        .filter(|(sensor, ..)| moments.gives_temperature(*sensor));
-    to.extend(going_on.map(|(_, at, event)| (at, event, None)));
     lanes[0].moments = Some(moments);
 }
 
 /// Closes the next moment to make room, whatever may still come.
-pub(super) fn release(lanes: &mut [Rod], to: &mut Vec<Found>) {
-    let moments = lanes.first_mut().and_then(|first| first.moments.as_mut());
-    if let Some((at, moment)) = moments.and_then(|moments| moments.next(true)) {
-        to.push((at, Event::Moment(moment), None));
-    }
+pub(super) fn release(lanes: &mut [Rod]) -> Option<Found> {
+    let moment = lanes.first_mut()?.moments.as_mut()?.release()?;
+    Some(found(lanes, moment))
+}
+
+/// A moment with the file that holds the end of what its first sensor gave.
+fn found(lanes: &[Rod], (at, moment): (Timestamp, Moment)) -> Found {
+    let first = moment.seen.first();
+    let origin = first.and_then(|(sensor, event)| lanes.get(*sensor)?.files.of(event));
+    (at, Event::Moment(moment), origin)
 }

@@ -67,9 +67,11 @@ pub(super) struct Router {
     /// Bytes of samples beyond which the longest stretch becomes a record.
     most: usize,
     /// Largest growth of the rods' samples since the last memory check \[bytes\].
-    grown: usize,
+    pub(super) grown: usize,
     /// Number of records of each rod that ended because all rods together held too much.
     cuts: BTreeMap<usize, u64>,
+    /// Number of moments of each rod that closed early for the same reason.
+    released: BTreeMap<usize, u64>,
     /// Data lost in the file, one clause each.
     holes: Vec<String>,
     /// Receiver of the samples, beside the assemblers.
@@ -135,6 +137,7 @@ impl Router {
             most: HELD,
             grown: 0,
             cuts: BTreeMap::new(),
+            released: BTreeMap::new(),
             holes: Vec::new(),
             listener: None,
             channels: Vec::new(),
@@ -501,14 +504,19 @@ impl Router {
             .map(|topic| (topic.name.clone(), topic.summary.clone()))
             .collect();
         summary.holes = self.holes.clone();
-        for (at, times) in &self.cuts {
-            let Some(Rod { config, .. }) = self.rods.get(*at) else {
-                continue;
-            };
-            summary.notes.push(format!(
-                "{}: rod {}: {times} records end early: the samples of all rods together took too much memory",
-                summary.file, config.rod
-            ));
+        for (what, counts) in [
+            ("records end early", &self.cuts),
+            ("moments did not wait for every sensor", &self.released),
+        ] {
+            for (at, times) in counts {
+                let Some(Rod { config, .. }) = self.rods.get(*at) else {
+                    continue;
+                };
+                summary.notes.push(format!(
+                    "{}: rod {}: {times} {what}: the samples of all rods together took too much memory",
+                    summary.file, config.rod
+                ));
+            }
         }
         summary.missing.clear();
         summary.wanted = 0;

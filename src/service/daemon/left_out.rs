@@ -10,7 +10,8 @@ use std::collections::BTreeMap;
 #[derive(Debug, Default)]
 pub struct Runs(BTreeMap<(RodId, String), usize>);
 
-fn about(rod: &RodId, sensor: &str) -> String {
+/// The condition of a sensor.
+pub fn about(rod: &RodId, sensor: &str) -> String {
     format!("rod {rod}, sensor {sensor}")
 }
 

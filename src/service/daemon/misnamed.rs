@@ -1,6 +1,7 @@
-//! Topics that belong to no rod, while a rod gets no data: most likely one is a misspelling of the other.
+//! Topics that belong to no rod, while nothing comes of a rod or of one of its sensors: most likely one is a misspelling of the other.
 
-use crate::config::{RodConfig, nearest};
+use super::left_out;
+use crate::config::{Config, RodConfig, nearest};
 use crate::service::telemetry::{Fault, Health};
 use std::collections::BTreeSet;
 
@@ -10,41 +11,117 @@ pub struct Misnamed {
     held: BTreeSet<String>,
 }
 
+/// A topic of which nothing comes.
+struct Unheard<'c> {
+    topic: &'c str,
+    rod: &'c str,
+    /// Table of the configuration that names it.
+    table: &'static str,
+    /// True for one sensor of a rod that has data: it may as well be dead, so only a topic much like it counts.
+    is_one_of_several: bool,
+}
+
 impl Misnamed {
-    /// Checks the topics received; `unheard`: rods without data, `is_wanted`: true if a topic is read. While
-    /// every rod has data, other topics are ignored.
-    pub fn look<'r>(
-        &mut self,
-        health: &Health,
-        unheard: impl Iterator<Item = &'r RodConfig>,
-        is_wanted: impl Fn(&str) -> bool,
-    ) {
-        let unheard: Vec<(&str, &str)> = unheard
-            .map(|rod| {
-                let topic = rod.channels.displacement.topic.as_str();
-                (topic, rod.analysis.rod.0.as_str())
-            })
+    /// Checks the topics received; `is_unheard`: true for a rod without data. While every rod and sensor has data, other topics are
+    /// ignored.
+    pub fn look(&mut self, health: &Health, config: &Config, is_unheard: impl Fn(&RodConfig) -> bool) {
+        let unheard: Vec<Unheard<'_>> = config
+            .rods
+            .iter()
+            .flat_map(|rod| unheard(rod, is_unheard(rod), health))
             .collect();
         let mut holds = BTreeSet::new();
-        if !unheard.is_empty() {
-            for topic in health.strays().topics() {
-                let candidates = unheard.iter().map(|(topic, _)| *topic);
-                let Some((_, meant)) = nearest(&topic, candidates).filter(|_| !is_wanted(&topic)) else {
-                    continue;
-                };
-                let rod = unheard.iter().find(|(topic, _)| *topic == meant);
-                let rod = rod.map_or("", |(_, rod)| *rod);
-                let detail = format!(
-                    "topic {topic} comes and belongs to no rod; of the rods of which nothing comes, the nearest topic is {meant} \
-                     (rod {rod}): mend `topic` in its [rod.channel], or the sender"
-                );
-                health.hold(Fault::Topic, &topic, detail);
-                holds.insert(topic);
-            }
+        for topic in health.strays().topics() {
+            let candidates = unheard.iter().map(|unheard| unheard.topic);
+            let nearest = nearest(&topic, candidates).filter(|_| !config.reads(&topic));
+            let meant = nearest.and_then(|(edits, meant)| {
+                let is_alike = 3 * edits <= meant.chars().count();
+                let mut of_it = unheard.iter().filter(|unheard| unheard.topic == meant);
+                of_it.find(|unheard| is_alike || !unheard.is_one_of_several)
+            });
+            let Some(Unheard {
+                topic: meant,
+                rod,
+                table,
+                ..
+            }) = meant
+            else {
+                continue;
+            };
+            let detail = format!(
+                "topic {topic} comes and belongs to no rod; of those of which nothing comes, the nearest is {meant} \
+                 (rod {rod}): mend `topic` in its {table}, or the sender"
+            );
+            health.hold(Fault::Topic, &topic, detail);
+            holds.insert(topic);
         }
         for topic in self.held.difference(&holds) {
             health.over(Fault::Topic, topic);
         }
         self.held = holds;
+    }
+}
+
+/// Topics of a rod of which nothing comes: of one that has data those of its sensors that are left out of every record.
+fn unheard<'c>(rod: &'c RodConfig, is_unheard: bool, health: &Health) -> Vec<Unheard<'c>> {
+    let id = &rod.analysis.rod;
+    let is_left_out = |number: usize| {
+        let sensor = rod.analysis.sensors.get(number);
+        sensor.is_some_and(|sensor| health.lasts(Fault::LeftOut, &left_out::about(id, &sensor.name)))
+    };
+    let channels = rod.channels.sensors().enumerate();
+    channels
+        .filter(|(number, _)| is_unheard || is_left_out(*number))
+        .map(|(number, channel)| Unheard {
+            topic: &channel.topic,
+            rod: &id.0,
+            table: match number {
+                0 => "[rod.channel]",
+                _ => "[[rod.sensor]]",
+            },
+            is_one_of_several: !is_unheard,
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_misspelled_topic_of_a_further_sensor_is_named_with_the_one_meant() {
+        let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/config/todi.toml")).unwrap();
+        let channel = "[rod.channel]\n";
+        let several = text.replace(
+            channel,
+            "[[rod.sensor]]\ntopic = \"/laser/second\"\nat = 0.1\n[rod.channel]\nat = 0.4\n",
+        );
+        assert!(several.len() > text.len());
+        let config = Config::parse(&several, "several.toml").unwrap();
+        let (health, mut misnamed) = (Health::default(), Misnamed::default());
+        for topic in ["/laser/secnd", "/imu"] {
+            health.strays().came(topic);
+        }
+        let mut look = || misnamed.look(&health, &config, |_| false);
+        look();
+        assert!(health.conditions().is_empty());
+        let rod = &config.rods[0].analysis.rod;
+        health.hold(
+            Fault::LeftOut,
+            &left_out::about(rod, "/laser/second"),
+            "no record",
+        );
+        look();
+        let conditions = health.conditions();
+        let told: Vec<_> = conditions
+            .iter()
+            .filter(|held| held.fault == Fault::Topic)
+            .collect();
+        assert_eq!(told.len(), 1, "{told:?}");
+        assert!(told[0].about == "/laser/secnd" && told[0].detail.contains("is /laser/second"));
+        assert!(told[0].detail.contains("[[rod.sensor]]"));
+        health.over(Fault::LeftOut, &left_out::about(rod, "/laser/second"));
+        look();
+        assert!(health.conditions().is_empty());
     }
 }

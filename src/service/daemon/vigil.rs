@@ -3,7 +3,7 @@
 use super::conditions::Conditions;
 use super::misnamed::Misnamed;
 use super::wall_clock::{Began, WallClock};
-use crate::analysis::signal::record::Timestamp;
+use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::config::Config;
 use crate::service::telemetry::{Fault, Health};
 use crate::site::clock;
@@ -113,9 +113,9 @@ impl Vigil {
             (false, _) => {}
         }
         if let Some(site) = site {
-            let unheard = site.unheard().filter_map(|rod| config.rod(&rod.0));
+            let unheard: Vec<&RodId> = site.unheard().collect();
             self.misnamed
-                .look(&self.health, unheard, |topic| config.reads(topic));
+                .look(&self.health, config, |rod| unheard.contains(&&rod.analysis.rod));
         }
     }
 

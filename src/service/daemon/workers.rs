@@ -54,12 +54,21 @@ impl Workers {
             return Done::Event(analyse::analyse(event, plans, &self.known), place);
         };
         let name = step_of(record, &record.identity());
-        if self.quarantine.is_quarantined(&name)
-            && let Event::Record(record) = event.clone().into_first()
-        {
-            let deaths = self.quarantine.deaths(&name);
+        if self.quarantine.is_quarantined(&name) {
+            let (record, rejection) = (
+                record.clone(),
+                Rejection::Quarantined {
+                    deaths: self.quarantine.deaths(&name),
+                },
+            );
+            let sensors = match &event {
+                Event::Moment(moment) => plans
+                    .get(&moment.rod)
+                    .map(|plan| plan.sensors_unused(moment, &rejection.to_string())),
+                _ => None,
+            };
             let identity = record.identity();
-            let refused = analyse::refused(record, identity, Rejection::Quarantined { deaths }.into());
+            let refused = analyse::refused(record, identity, rejection.into()).with_sensors(sensors);
             return Done::Event(Analysed::Record(Box::new(refused)), place);
         }
         let mut slot = self.idle().pop().unwrap_or_else(|| self.quarantine.slot());
@@ -80,4 +89,73 @@ impl Workers {
 /// Name of a record's analysis in the [`Quarantine`].
 fn step_of(record: &Record, identity: &[u8; 32]) -> String {
     format!("record {} of rod {}", hex(identity), record.rod)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::outcome::Outcome;
+    use crate::analysis::signal::record::{Moment, Timestamp};
+    use crate::config::Config;
+    use crate::service::daemon::quarantine::DEATHS;
+    use crate::service::telemetry::Telemetry;
+    use crate::site::prepared;
+
+    #[test]
+    fn a_quarantined_moment_names_its_sensors() {
+        let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/config/todi.toml")).unwrap();
+        let further = "[[rod.sensor]]\ntopic = \"/second\"\nat = 0.1\n[rod.channel]\nat = 0.4\n";
+        let config = Config::parse(&text.replace("[rod.channel]\n", further), "several.toml").unwrap();
+        let plans = Arc::new(prepared::plans(&config, |_| |_, _| {}).unwrap());
+        let rod = config.rods[0].analysis.rod.clone();
+        let record = Record {
+            rod: rod.clone(),
+            start: Timestamp::from_nanos(0),
+            fs_hz: 100.0,
+            samples: vec![0.0; 100],
+            temperature_c: None,
+            readings: Vec::new(),
+            excitation: None,
+            clock_sd: 0.0,
+            flags: Vec::new(),
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("site.db");
+        for _ in 0..=DEATHS {
+            let mut slot = Arc::new(Quarantine::open(&store).unwrap()).slot();
+            slot.working_on(&step_of(&record, &record.identity()));
+            std::mem::forget(slot);
+        }
+        let quarantine = Arc::new(Quarantine::open(&store).unwrap());
+        let workers = Workers::new(Known::new(), quarantine, Telemetry::default().metrics);
+        let job = Job::Event {
+            event: Event::Moment(Moment {
+                rod,
+                seen: vec![(0, Event::Record(record))],
+                absent: vec![1],
+                is_early: false,
+            }),
+            place: Place {
+                file: Arc::from("a.mcap"),
+                origin: Arc::from("a.mcap"),
+                bytes: 0,
+                records: 1,
+                at: Timestamp::from_nanos(0),
+                reached: Arc::from([]),
+            },
+            plans,
+            load: None,
+        };
+        let Done::Event(Analysed::Record(outcome), _) = workers.work(job) else {
+            panic!("a record");
+        };
+        let sensors = outcome.sensors().unwrap();
+        assert!(matches!(*outcome, Outcome::Rejected(_)) && sensors.used.is_empty());
+        let why: Vec<&str> = sensors.left_out.iter().map(|out| out.why.as_str()).collect();
+        assert_eq!(sensors.left_out[1].sensor, "/second");
+        assert!(
+            why[0].contains("ended the program") && why[1].contains("no record"),
+            "{why:?}"
+        );
+    }
 }

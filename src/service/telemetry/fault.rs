@@ -125,7 +125,9 @@ impl Fault {
             Self::Forward => "the post to the centre cannot be reached, or refuses: results wait here",
             Self::Reload => "a new configuration is bad: the old one holds",
             Self::Folder => "a watched folder cannot be read",
-            Self::Topic => "a topic comes that belongs to no rod, while nothing comes of a rod",
+            Self::Topic => {
+                "a topic comes that belongs to no rod, while nothing comes of a rod or of one of its sensors"
+            }
             Self::LeftOut => {
                 "a sensor of a rod with several is left out of its records: the others give the force"
             }

@@ -6,6 +6,7 @@ use crate::rod::query::Query;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
+use std::fmt;
 
 /// Score above which a slip is searched for.
 const DOUBTED: f64 = 3.0;
@@ -31,6 +32,20 @@ pub struct DatumConflict {
     pub predicted_sd: Option<f64>,
     /// A slip that would explain the datum.
     pub hint: Option<String>,
+}
+
+impl fmt::Display for DatumConflict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{}, {:.1} standard deviations from the others",
+            self.datum, self.score
+        )?;
+        match &self.hint {
+            Some(hint) => write!(f, ", would agree {hint}"),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Compares every datum, with the frequencies of one moment as a group.

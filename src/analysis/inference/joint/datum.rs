@@ -12,6 +12,8 @@ use thiserror::Error;
 /// mass.
 const HEAVIEST: f64 = 20.0;
 
+const KG_OF_LB: f64 = 0.453_592_37;
+
 /// A measured value of a query, with a normal error.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Datum {
@@ -286,10 +288,16 @@ impl Datum {
                     "if the two sensors were swapped and one was turned round",
                 ),
             ],
-            Query::FrequencyRatio { .. } => vec![(1.0 / v, "if the ratio was given upside down")],
+            // A small mass lowers a frequency in proportion.
+            Query::FrequencyRatio { .. } => vec![
+                (1.0 / v, "if the ratio was given upside down"),
+                (1.0 - (1.0 - v) / KG_OF_LB, "if the mass was in lb, not kg"),
+                (1.0 - (1.0 - v) * KG_OF_LB, "if the mass was in kg, not lb"),
+            ],
             Query::StrainRatio { .. } => vec![
                 (v / 1e3, "if the displacement was in mm, not m"),
                 (v * 1e3, "if the displacement was in m, not mm"),
+                (v / 1e6, "if the strain was in microstrain"),
                 (
                     -v,
                     "if the gauge was on the other face, or one sensor turned round",

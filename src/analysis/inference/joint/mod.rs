@@ -103,6 +103,12 @@ pub enum JointError {
         /// The datum farthest from that rod.
         suspect: String,
     },
+    /// Data of which some lie far from what the others predict.
+    #[error("they contradict each other, so none is used; mend or leave out one of: {}", .0.iter().map(DatumConflict::to_string).collect::<Vec<_>>().join("; "))]
+    Conflict(
+        /// Those that contradict the others.
+        Vec<DatumConflict>,
+    ),
     /// The posterior is too thin to be sampled.
     #[error(
         "the posterior is too thin to be sampled: the chains did not mix, and are worth about {ess:.0} independent draws. The data are \

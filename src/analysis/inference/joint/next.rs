@@ -122,7 +122,7 @@ pub fn usual(prior: &RodPrior, modes: usize) -> Vec<Candidate> {
         ),
         (
             "shape-4",
-            "four sensors at 0.1, 0.2, 0.3 and 0.4 L, amplitude ratios to 1 %".to_owned(),
+            "four sensors, 0.1 to 0.4 L, amplitude ratios to 1 %".to_owned(),
             [0.1, 0.2, 0.3]
                 .into_iter()
                 .flat_map(|at| {
@@ -159,27 +159,27 @@ pub fn usual(prior: &RodPrior, modes: usize) -> Vec<Candidate> {
         let weight = one(Query::Quantity(Quantity::MassPerLength), 0.01);
         all.push(("weight", "the mass per length to 1 %".to_owned(), weight));
     } else {
-        let strain = Query::StrainRatio {
-            order: 1,
-            strain_at: 0.05,
-            read_at: 0.1,
+        let strain = |strain_at| {
+            each(
+                &|order| Query::StrainRatio {
+                    order,
+                    strain_at,
+                    read_at: 0.1,
+                },
+                0.02,
+            )
         };
         let density = one(Query::Quantity(Quantity::Density), 0.01);
         let both = [size.clone(), density.clone()].concat();
-        let there = Query::StrainRatio {
-            order: 1,
-            strain_at: 0.1,
-            read_at: 0.1,
-        };
         all.push((
             "strain",
-            "strain at 0.05 L over displacement at 0.1 L, to 2 %".to_owned(),
-            one(strain, 0.02),
+            "strain at 0.05 L over motion at 0.1 L, every mode to 2 %".to_owned(),
+            strain(0.05),
         ));
         all.push((
             "strain-there",
-            "strain over displacement at 0.1 L, to 2 %".to_owned(),
-            one(there, 0.02),
+            "strain over motion at 0.1 L, every mode to 2 %".to_owned(),
+            strain(0.1),
         ));
         all.push(("caliper", "the section by caliper, to 0.7 %".to_owned(), size));
         all.push((

@@ -88,8 +88,8 @@ impl Pilot {
     /// Refuses a datum that lies 2.2 times as far from the middle of the model's answers as the end of 99 % of them, the datum's own
     /// error included: fewer than one in a million normal ones do.
     ///
-    /// The error of a positive quantity is relative: one of 3 % of a value a thousand times too large is thirty true values, and
-    /// must not widen the range that the value is held against.
+    /// Errors are taken as relative: one of 3 % of a value a thousand times too large is thirty true values, and must not widen the
+    /// range that the value is held against.
     pub(super) fn refuse_outsiders(&self, problem: &Problem) -> Result<(), JointError> {
         for (i, datum) in problem.data.iter().enumerate() {
             let is_signed = datum.query.is_signed();
@@ -107,6 +107,10 @@ impl Pilot {
             // Heavy tails of ratios that pass through zero must not widen the gate: ends of 99 %, three times as far.
             let reach = |value: f64| {
                 let error = match is_signed {
+                    true if datum.value != 0.0 => {
+                        let most = low.abs().max(high.abs());
+                        problem.spread(i, middle) * value.abs().min(most) / datum.value.abs()
+                    }
                     true => problem.spread(i, middle),
                     false => problem.spread(i, datum.value) / datum.value,
                 };

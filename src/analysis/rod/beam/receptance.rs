@@ -13,6 +13,7 @@
 
 use super::exact::{self, Support};
 use super::{Beam, OutsideRange};
+use std::f64::consts::PI;
 
 /// Tension `N l^2 / EI` below which the static answer is that of this tension: an error of 1e-5 at most, where less would cancel.
 const LEAST_TENSION: f64 = 1e-4;
@@ -55,7 +56,7 @@ pub fn stiffening(length_m: f64, at: f64, peak_m: f64) -> f64 {
 }
 
 /// Natural frequency \[Hz\] with a mass on the beam, of the last of `free_hz`, the beam's first frequencies without it: the root of
-/// `1 = M omega^2 G(a, a; omega)`, which lies between the last two, to about 1e-8 relative.
+/// `1 = M omega^2 G(a, a; omega)`, which lies between the last two, to 1e-6 relative.
 ///
 /// # Errors
 /// The parameters are not those of a beam.
@@ -65,20 +66,32 @@ pub fn loaded_frequency(beam: &Beam, free_hz: &[f64], mass: PointMass) -> Result
     let square = |f: Option<&f64>| f.map_or(0.0, |f| (f / unit) * (f / unit));
     let bracket = [square(free_hz.iter().rev().nth(1)), square(free_hz.last())];
     let ratio = mass.mass_kg / (beam.mass_per_length_kg_m * beam.length_m);
-    Ok(unit * loaded_square(bracket, t, &supports, ratio, mass.at).sqrt())
+    let sine = libm::sin(PI * free_hz.len() as f64 * mass.at);
+    let usual = 2.0 * ratio * sine * sine;
+    Ok(unit * loaded_square(bracket, t, &supports, (ratio, mass.at), usual).sqrt())
 }
 
 /// `(phi q)^2` of the mode with the mass. In `s = (phi q)^2` the function `(s_n - s)(s - s_(n-1)) (1 - mu s G)` is smooth up to both
-/// ends, where `1 - mu s G` itself has poles, positive on the left of the root and negative on the right.
-fn loaded_square([lower, upper]: [f64; 2], t: f64, supports: &[Support; 2], ratio: f64, at: f64) -> f64 {
+/// ends, where `1 - mu s G` itself has poles, positive on the left of the root and negative on the right. `usual` is the mass in units
+/// of the mode's own, were its shape a sine: the search begins there.
+fn loaded_square(
+    [lower, upper]: [f64; 2],
+    t: f64,
+    supports: &[Support; 2],
+    (ratio, at): (f64, f64),
+    usual: f64,
+) -> f64 {
     let value = |s: f64| {
         let phi = (2.0 * s / (t + (t * t + 4.0 * s).sqrt())).sqrt();
         let raw = 1.0 - ratio * s * response(phi, t, supports, at, at);
         (upper - s) * (s - lower) * raw
     };
     let (mut low, mut high) = (lower, upper);
-    // One mode alone, its share of the response read close below the upper end.
-    let near = upper - 0.01 * (upper - lower);
+    // One mode alone, its share of the response read where a sine would have the root.
+    let width = upper - lower;
+    let near = (upper / (1.0 + usual))
+        .max(upper - 0.5 * width)
+        .min(upper - 0.01 * width);
     let at_near = value(near);
     let share = (1.0 - at_near / ((upper - near) * (near - lower))) * (upper - near) / near;
     let mut previous = (near, at_near);
@@ -87,7 +100,10 @@ fn loaded_square([lower, upper]: [f64; 2], t: f64, supports: &[Support; 2], rati
         false => high = near,
     }
     let mut s = (upper / (1.0 + share.max(0.0))).clamp(low, high);
-    // A secant inside a bracket that at least halves every third step: 60 exhaust double precision.
+    let mut before = (s - near).abs();
+    // Slope of s over the value between the two points before, and the value at the older of them.
+    let mut older: Option<(f64, f64)> = None;
+    // Inverse interpolation inside a bracket that at least halves every third step: 60 exhaust double precision.
     for step in 0..60 {
         if s <= lower || s >= upper {
             s = 0.5 * (low + high);
@@ -101,20 +117,25 @@ fn loaded_square([lower, upper]: [f64; 2], t: f64, supports: &[Support; 2], rati
             true => low = s,
             false => high = s,
         }
-        let secant = s - found * (s - previous.0) / (found - previous.1);
+        // The parabola of s over the last three values; of two the line.
+        let slope = (s - previous.0) / (found - previous.1);
+        let bend = older.map_or(0.0, |(last, value)| (slope - last) / (found - value));
+        let guess = s - found * (slope - previous.1 * bend);
+        older = Some((slope, previous.1));
         previous = (s, found);
-        let inside = secant > low && secant < high;
-        let is_close = (secant - s).abs() < 1e-3 * s;
+        let inside = guess > low && guess < high;
+        let is_close = (guess - s).abs() < 1e-3 * s;
         let next = match inside && (is_close || step % 3 != 2) {
-            true => secant,
+            true => guess,
             false => 0.5 * (low + high),
         };
         let moved = (next - s).abs();
         s = next;
-        // The secant's error is a product of the last two: a step of 1e-6 leaves about 1e-9.
-        if moved <= 1e-6 * s && inside || high - low <= 1e-15 * s {
+        // A line's error is about the product of the last two, which the steps are; a parabola's is smaller.
+        if moved * before <= 3e-7 * s * s && inside || high - low <= 1e-15 * s {
             break;
         }
+        before = moved;
     }
     s
 }
@@ -245,6 +266,40 @@ mod tests {
         let beam = beam(8e5, [0.0, 2e6]);
         let place = |at, read_at| deflection(&beam, PointLoad { force_n: 1.0, at }, read_at).unwrap();
         assert!((place(0.2, 0.7) / place(0.7, 0.2) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_root_lies_between_its_neighbours_a_millionth_away() {
+        let prior = crate::rod::prior::RodPrior::todi();
+        let mut generator = crate::numerics::random::stream(9, 0);
+        let mut theta = prior.centre();
+        for draw in 0..300 {
+            prior.sample(&mut generator, &mut theta);
+            let beam = prior.parameterisation().beam(&theta);
+            let (t, supports) = exact::dimensionless(&beam).unwrap();
+            let unit = exact::unit_hz(&beam);
+            let mut free = [0.0; 3];
+            exact::frequencies(&beam, &mut free).unwrap();
+            let at = 0.07 + 0.0013 * f64::from(draw);
+            for mass_kg in [0.5, 20.0, 700.0] {
+                let ratio = mass_kg / (beam.mass_per_length_kg_m * beam.length_m);
+                for order in 1..=3 {
+                    let found = loaded_frequency(&beam, &free[..order], PointMass { mass_kg, at }).unwrap();
+                    let left = |f: f64| {
+                        let s = (f / unit).powi(2);
+                        let phi = (2.0 * s / (t + (t * t + 4.0 * s).sqrt())).sqrt();
+                        1.0 - ratio * s * response(phi, t, &supports, at, at)
+                    };
+                    let (low, high) = (found * (1.0 - 1e-6), found * (1.0 + 1e-6));
+                    // At a node the mass hardly moves the mode: the root is the pole.
+                    let is_inside = high < free[order - 1] && (order == 1 || low > free[order - 2]);
+                    assert!(
+                        !is_inside || (left(low) > 0.0 && left(high) < 0.0),
+                        "draw {draw}, {mass_kg} kg at {at}, mode {order}"
+                    );
+                }
+            }
+        }
     }
 
     #[test]

@@ -25,6 +25,9 @@ const EVEN: f64 = 3.0;
 const FAR_SHARE: f64 = 1.5;
 /// The same of the nearer mode where one and two are as likely: the standard deviation of an even choice is half the distance.
 const NEAR_SHARE: f64 = 2.0;
+/// Distance in half-power half-widths of the single fit beyond which a second mode that shows no peak of its own is no mode: what is
+/// fitted there is mostly the slope of the noise, or of a stronger mode.
+const BESIDE: f64 = 6.0;
 /// Least power of the weaker peak, as a share of the stronger one's.
 const LEAST_SHARE: f64 = 0.01;
 /// Squared relative change of the filter's gains below which they count as settled.
@@ -142,7 +145,10 @@ pub fn pair(series: &Subband, single: Pole, noise: f64, guess: Option<[Pole; 2]>
             .iter()
             .all(|m| m.frequency_sd_hz.is_finite() && m.damping_log_sd < 1.0 && m.pole.damping < 0.1);
     let [a, b] = moved(&x);
-    if gain > CERTAIN && sane {
+    let apart = (x[0] - x[2]).abs() / (single.damping * single.frequency_hz);
+    if guess.is_none() && apart > BESIDE {
+        Pair::Open(a.min(b) / NEAR_SHARE)
+    } else if gain > CERTAIN && sane {
         Pair::Two(members, share)
     } else if gain > OPEN {
         Pair::Open(a.max(b) / FAR_SHARE)

@@ -5,7 +5,7 @@
 //! ended, or is further behind than the rod waits. So the moments follow from the sensors' histories, not from the progress of reading;
 //! what lags beyond the wait is late, and said to be. A motion makes one moment: a further record of its time is late as well.
 
-use super::{Event, Record, Rejection, RodId, Timestamp};
+use super::{Event, Reading, Record, Rejection, RodId, Timestamp};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -26,6 +26,8 @@ pub struct Moment {
     pub seen: Vec<(usize, Event)>,
     /// Sensors that gave nothing.
     pub absent: Vec<usize>,
+    /// True if it closed before they were waited for: what waits took too much memory.
+    pub is_early: bool,
 }
 
 impl Moment {
@@ -50,6 +52,8 @@ pub struct Moments {
     closed: VecDeque<Span>,
     /// Sensor whose record gave the latest moment's temperature.
     thermometer: usize,
+    /// Time of the latest reading that was handed out: every lane has the rod's readings.
+    read_until: Option<Timestamp>,
 }
 
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -118,6 +122,7 @@ impl Moments {
             sensors: (0..sensors).map(|_| Sensor::default()).collect(),
             closed: VecDeque::new(),
             thermometer: 0,
+            read_until: None,
         }
     }
 
@@ -167,9 +172,13 @@ impl Moments {
         sensors.any(|sensor| !sensor.pieces.is_empty() || sensor.until.is_none())
     }
 
-    /// True if the temperatures since the latest moment are those that this sensor's records bring.
-    pub fn gives_temperature(&self, sensor: usize) -> bool {
-        self.thermometer == sensor
+    /// Notes the readings that a sensor brings between records; true if they go on where the latest moment's end.
+    pub fn takes_readings(&mut self, sensor: usize, readings: &[Reading]) -> bool {
+        let is_its = self.thermometer == sensor;
+        if is_its {
+            self.read_until = readings.last().map(|last| last.time).or(self.read_until);
+        }
+        is_its
     }
 
     /// Takes an event of a sensor, complete at a time; returns it as a moment of its own if it cannot wait for others.
@@ -187,8 +196,17 @@ impl Moments {
         None
     }
 
-    /// The next moment, complete at a time, if it is closed; with `all`, whatever may still come.
+    /// The next moment, complete at a time, if it is closed; with `all`, because nothing more comes.
     pub fn next(&mut self, all: bool) -> Option<(Timestamp, Moment)> {
+        self.closed_or(all, false)
+    }
+
+    /// The next moment, whatever may still come of it: room is needed.
+    pub fn release(&mut self) -> Option<(Timestamp, Moment)> {
+        self.closed_or(false, true)
+    }
+
+    fn closed_or(&mut self, all: bool, is_forced: bool) -> Option<(Timestamp, Moment)> {
         let pieces = self.sensors.iter().enumerate().flat_map(|(sensor, own)| {
             let numbered = own.pieces.iter().enumerate();
             numbered.map(move |(i, piece)| (piece.span.start, sensor, i))
@@ -204,11 +222,14 @@ impl Moments {
             let late = self.sensors[sensor].pieces.remove(i);
             return Some((late.at, self.late(sensor, late.event)));
         }
-        let is_full = self.sensors.iter().any(|own| own.pieces.len() > WAITING);
-        if !(all || is_full || self.is_closed(sensor, self.sensors[sensor].pieces[i].span)) {
+        let is_closed = all || self.is_closed(sensor, self.sensors[sensor].pieces[i].span);
+        let is_full = || self.sensors.iter().any(|own| own.pieces.len() > WAITING);
+        if !(is_closed || is_forced || is_full()) {
             return None;
         }
-        Some(self.take(sensor, i))
+        let (at, moment) = self.take(sensor, i);
+        let is_early = !is_closed && !moment.absent.is_empty();
+        Some((at, Moment { is_early, ..moment }))
     }
 
     /// Events that wait.
@@ -321,10 +342,13 @@ impl Moments {
             self.closed.drain(..surplus);
         }
         let rod = self.rod.clone();
-        let mut moment = Moment { rod, seen, absent };
-        if let Some(sensor) = moment.share_temperature() {
-            self.thermometer = sensor;
-        }
+        let mut moment = Moment {
+            rod,
+            seen,
+            absent,
+            is_early: false,
+        };
+        self.share_temperature(&mut moment);
         (at, moment)
     }
 
@@ -349,30 +373,37 @@ impl Moments {
             rod: self.rod.clone(),
             seen: vec![(sensor, event)],
             absent: Vec::new(),
+            is_early: false,
         }
     }
-}
 
-impl Moment {
-    /// Gives all records the temperature of the first, so that whichever leads has it; returns that one's sensor.
-    fn share_temperature(&mut self) -> Option<usize> {
-        let mut records = self.seen.iter_mut().filter_map(|(sensor, event)| match event {
+    /// Gives all records the temperature of the first, so that whichever leads has it.
+    fn share_temperature(&mut self, moment: &mut Moment) {
+        let mut records = moment.seen.iter_mut().filter_map(|(sensor, event)| match event {
             Event::Record(record) => Some((*sensor, record)),
             _ => None,
         });
-        let (sensor, first) = records.next()?;
+        let Some((sensor, first)) = records.next() else {
+            return;
+        };
+        // Of another lane, what the one before has handed out comes again; within a lane a clock may be set back.
+        if self.thermometer != sensor {
+            first
+                .readings
+                .retain(|reading| self.read_until.is_none_or(|until| reading.time > until));
+        }
+        self.thermometer = sensor;
+        self.read_until = first.readings.last().map(|last| last.time).or(self.read_until);
         for (_, other) in records {
             other.temperature_c = first.temperature_c;
             other.readings.clone_from(&first.readings);
         }
-        Some(sensor)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::signal::record::Reading;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
 
@@ -598,6 +629,51 @@ mod tests {
             .map(|(_, record)| (record.temperature_c, record.readings[0].celsius))
             .collect();
         assert_eq!(celsius, [(Some(1.0), 1.0); 2]);
-        assert!(moments.gives_temperature(1) && !moments.gives_temperature(2));
+    }
+
+    #[test]
+    fn every_reading_is_handed_out_once_whichever_sensor_leads() {
+        let mut moments = moments(2);
+        let readings = |to: i64| -> Vec<Reading> {
+            (0..to)
+                .map(|s| Reading {
+                    time: time(s),
+                    celsius: 12.0,
+                })
+                .collect()
+        };
+        let mut given = Vec::new();
+        let mut of_record = |moments: &mut Moments, sensor, span: (i64, i64)| {
+            let mut event = record(sensor, span);
+            if let Event::Record(record) = &mut event {
+                record.readings = readings(span.1);
+            }
+            comes(moments, sensor, event);
+            let (_, moment) = moments.next(true).unwrap();
+            let (_, record) = moment.records().next().unwrap();
+            given.extend(record.readings.iter().map(|reading| reading.time));
+        };
+        of_record(&mut moments, 0, (0, 100));
+        // Between two records the lane that led brings what came since; then the other leads, whose lane has all of it.
+        let since = readings(150).split_off(100);
+        assert!(!moments.takes_readings(1, &since) && moments.takes_readings(0, &since));
+        let saved = moments.save().unwrap();
+        let mut moments = self::moments(2);
+        moments.resume(&saved).unwrap();
+        of_record(&mut moments, 1, (150, 300));
+        let expected = (0..100).chain(150..300).map(time);
+        assert_eq!(given, expected.collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_moment_that_closes_to_make_room_says_so() {
+        let mut moments = moments(2);
+        comes(&mut moments, 0, record(0, (0, 600)));
+        assert!(moments.next(false).is_none());
+        let (_, moment) = moments.release().unwrap();
+        assert!(moment.is_early && moment.absent == [1]);
+        // At the end of the data a sensor without a record has none.
+        comes(&mut moments, 0, record(0, (600, 1200)));
+        assert!(!moments.next(true).unwrap().1.is_early);
     }
 }

@@ -221,8 +221,8 @@ pub enum Rejection {
     },
     /// It came when the moment of the rod's other sensors had closed without it.
     #[error(
-        "came when the moment of the rod's other sensors had closed without it: this sensor was more than reorder_window_h behind \
-         them; send the sensors of a rod side by side"
+        "came when the moment of the rod's other sensors had closed without it: this sensor was more than reorder_window_h (a minute at \
+         least) behind them; send the sensors of a rod side by side"
     )]
     LateSensor,
     /// Tests of the rod that give no posterior together with the record.

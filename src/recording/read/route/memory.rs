@@ -33,9 +33,11 @@ impl Router {
                         .max()
                         .unwrap_or(0)
             {
-                let mut found = Vec::new();
-                lanes::release(&mut self.rods[at..], &mut found);
-                self.take(found);
+                let Some(found) = lanes::release(&mut self.rods[at..]) else {
+                    return;
+                };
+                *self.released.entry(at).or_insert(0) += 1;
+                self.take(vec![found]);
                 held = self.held();
                 continue;
             }

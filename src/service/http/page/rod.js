@@ -163,7 +163,15 @@ function recordRow(record) {
     cell("force, record alone [kN]", "n", ...marked(forceAt(record.axial_force_n, own))),
     cell("force given the baseline [kN]", "n", ...marked(forceAt(record.force_at_reference_n ?? record.tracked_force_n, isReferred ? reference : own))),
     cell("change [%]", "n", ...interval(changed, (r) => percent(r)), changed ? at(isReferred ? reference : own) : null),
-    cell("result", "", [`${said}${motion}`, ...words].join("; ")));
+    cell("result", "", [`${said}${motion}`, ...words].join("; "), ...sensorsOf(record)));
+}
+
+// Sensors of a rod with several, the leading one first, and those that were left out with the reason.
+function sensorsOf({ sensors }) {
+  if (!sensors) return [];
+  const used = sensors.used.length ? [`by ${sensors.used.join(", ")}`] : [];
+  const out = sensors.left_out.map(({ sensor, why }) => `without ${sensor}${why ? `: ${why}` : ""}`);
+  return [...used, ...out].map((text) => el("small", { class: "sensors" }, text));
 }
 
 let listTurn = 0, isGrowing = false, listedOnly = false;

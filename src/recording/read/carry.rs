@@ -147,16 +147,14 @@ pub(super) fn decode(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Config;
 
     #[test]
     fn the_memory_is_checked_next_as_without_a_restart() {
-        let config = Config::built_in();
-        let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
-        let mut router = Router::new(&channels, &config.record);
+        let settings = RecordSettings::default();
+        let mut router = Router::new(&[], &settings);
         router.grown = 12_345;
-        let body = encode(&router, &config.record).unwrap();
-        let (again, lost) = decode(&body, &channels, &config.record);
+        let body = encode(&router, &settings).unwrap();
+        let (again, lost) = decode(&body, &[], &settings);
         assert!(again.grown == 12_345 && lost.is_empty(), "{lost:?}");
     }
 }

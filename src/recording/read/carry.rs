@@ -25,7 +25,7 @@ struct SavedRod {
     assembler: Vec<u8>,
 }
 
-/// What waits for other sensors of a rod; behind the rest, with the growth since the memory was checked: a restart must not change
+/// Records that wait for other sensors of a rod; behind the rest, with the growth since the memory was checked: a restart must not change
 /// when it is checked next.
 #[derive(Serialize, Deserialize)]
 struct SavedMoments {

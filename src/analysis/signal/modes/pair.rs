@@ -25,8 +25,8 @@ const EVEN: f64 = 3.0;
 const FAR_SHARE: f64 = 1.5;
 /// The same of the nearer mode where one and two are as likely: the standard deviation of an even choice is half the distance.
 const NEAR_SHARE: f64 = 2.0;
-/// Distance in half-power half-widths of the single fit beyond which a second mode that shows no peak of its own is no mode: what is
-/// fitted there is mostly the slope of the noise, or of a stronger mode.
+/// Distance in half-power half-widths of the single fit beyond which a second mode that shows no peak of its own is no mode: the series'
+/// weights raise white noise towards the band's ends, up to 2.5 times in power, which two modes fit better than one.
 const BESIDE: f64 = 6.0;
 /// Least power of the weaker peak, as a share of the stronger one's.
 const LEAST_SHARE: f64 = 0.01;

@@ -1,7 +1,7 @@
 //! Splits a fit of one mode in two where the record shows two modes.
 
 use super::Resonance;
-use super::fit::{Fit, HALF_WIDTHS, Stretch};
+use super::fit::{Fit, HALF_WIDTHS, Stretch, skirt};
 use super::likelihood::Start;
 use super::pair::{Member, Pair, pair};
 use rustfft::num_complex::Complex;
@@ -9,6 +9,8 @@ use std::f64::consts::TAU;
 
 /// Distance of two fits that are judged together, over the sum of their half-power half-widths.
 const TOUCHING: f64 = 5.0;
+/// Other modes' response over that of the judged one and the noise, above which a band for two modes ends: the filter knows white noise alone.
+const DISTURBED: f64 = 0.2;
 
 impl Stretch<'_> {
     /// Resonances of all fits: a fit of two close modes becomes two resonances, and wider errors where that
@@ -67,6 +69,16 @@ impl Stretch<'_> {
             let (apart, far) = (weak.resonance.frequency_hz - f, HALF_WIDTHS * width(weak));
             reach = (reach.0.max(far - apart), reach.1.max(far + apart));
         }
+        let clear = |reach: f64, side: f64| {
+            let disturbed = |reach: f64| {
+                let at = f + side * reach;
+                let own = strong.value.noise + skirt(strong, at);
+                others.iter().map(|other| skirt(other, at)).sum::<f64>() > DISTURBED * own
+            };
+            let mut nearer = (10..=20).rev().map(|n| 0.05 * f64::from(n) * reach);
+            nearer.find(|&r| !disturbed(r)).unwrap_or(0.5 * reach)
+        };
+        let reach = (clear(reach.0, -1.0), clear(reach.1, 1.0));
         let Some(series) = self.band_series(strong, reach, others, |_| Complex::default()) else {
             return Pair::One;
         };

@@ -181,9 +181,11 @@ fn filter(series: &Subband, poles: [Pole; 2], forces: [f64; 2], noise: f64) -> O
     let [a, b] = poles.map(|pole| series.factor(pole));
     let [aa, bb] = [a.norm_sqr(), b.norm_sqr()];
     let ab = a * b.conj();
-    let (mut x, mut y) = (Complex::default(), Complex::default());
-    let (mut pxx, mut pyy) = (forces[0] / (1.0 - aa), forces[1] / (1.0 - bb));
-    let mut pxy: Complex<f64> = Complex::default();
+    // The third state is the noise's last term, `w`.
+    let c = series.noise_memory;
+    let (mut x, mut y, mut w) = (Complex::default(), Complex::default(), Complex::default());
+    let (mut pxx, mut pyy, mut pww) = (forces[0] / (1.0 - aa), forces[1] / (1.0 - bb), noise);
+    let (mut pxy, mut pxw, mut pyw) = <(Complex<f64>, Complex<f64>, Complex<f64>)>::default();
     let (mut log_det, mut quad) = (0.0, 0.0);
     // The first sample holds the part that is flat across the band.
     let mut left = series.samples[1..].iter();
@@ -194,31 +196,41 @@ fn filter(series: &Subband, poles: [Pole; 2], forces: [f64; 2], noise: f64) -> O
         pxx = aa * pxx + forces[0];
         pyy = bb * pyy + forces[1];
         pxy *= ab;
-        let gx = pxy + pxx;
-        let gy = pxy.conj() + pyy;
-        let s = gx.re + gy.re + noise;
-        let e = value - x - y;
+        pxw *= a;
+        pyw *= b;
+        let gx = pxy + pxx - pxw * c.conj();
+        let gy = pxy.conj() + pyy - pyw * c.conj();
+        let gw = (pxw + pyw).conj() - c.conj() * pww;
+        let s = (gx + gy - c * gw).re + noise;
+        let e = value - x - y + c * w;
         log_det += s.ln();
         quad += e.norm_sqr() / s;
         let gains = (gx / s, gy / s);
         x += gains.0 * e;
         y += gains.1 * e;
+        w = e * (noise / s);
         pxx -= gx.norm_sqr() / s;
         pyy -= gy.norm_sqr() / s;
         pxy -= gx * gy.conj() / s;
+        pxw = -gains.0 * noise;
+        pyw = -gains.1 * noise;
+        pww = noise - noise * noise / s;
         let moved = (gains.0 - before.0).norm_sqr() + (gains.1 - before.1).norm_sqr();
         before = gains;
         if moved < SETTLED {
             // The gains do not depend on the data and have come to rest.
             log_det += left.len() as f64 * s.ln();
             let mut rest = 0.0;
+            let recall = c * (noise / s);
+            let mut last = e;
             for value in left.by_ref() {
                 x *= a;
                 y *= b;
-                let e = value - x - y;
+                let e = value - x - y + recall * last;
                 rest += e.norm_sqr();
                 x += gains.0 * e;
                 y += gains.1 * e;
+                last = e;
             }
             quad += rest / s;
         }

@@ -9,8 +9,6 @@ use std::f64::consts::TAU;
 
 /// Distance of two fits that are judged together, over the sum of their half-power half-widths.
 const TOUCHING: f64 = 5.0;
-/// Other modes' response over that of the judged one and the noise, above which a band for two modes ends: the filter knows white noise alone.
-const DISTURBED: f64 = 0.2;
 
 impl Stretch<'_> {
     /// Resonances of all fits: a fit of two close modes becomes two resonances, and wider errors where that
@@ -69,17 +67,17 @@ impl Stretch<'_> {
             let (apart, far) = (weak.resonance.frequency_hz - f, HALF_WIDTHS * width(weak));
             reach = (reach.0.max(far - apart), reach.1.max(far + apart));
         }
-        let clear = |reach: f64, side: f64| {
-            let disturbed = |reach: f64| {
-                let at = f + side * reach;
-                let own = strong.value.noise + skirt(strong, at);
-                others.iter().map(|other| skirt(other, at)).sum::<f64>() > DISTURBED * own
-            };
-            let mut nearer = (10..=20).rev().map(|n| 0.05 * f64::from(n) * reach);
-            nearer.find(|&r| !disturbed(r)).unwrap_or(0.5 * reach)
+        // The weights are for modes: they colour white noise, up to 2.5 times in power at the band's ends, and other modes' skirts
+        // reach into the band. As the single fits know them, noise and skirts are made white again; else the end of a long record's
+        // band passes for a second mode.
+        let whitened = |f: f64, weight: f64| {
+            let modes = skirt(strong, f) + weak.map_or(0.0, |weak| skirt(weak, f));
+            let beside = others.iter().map(|other| skirt(other, f)).sum::<f64>();
+            let noise = strong.value.noise;
+            ((modes * weight + noise) / ((modes + noise + beside) * weight)).sqrt()
         };
-        let reach = (clear(reach.0, -1.0), clear(reach.1, 1.0));
-        let Some(series) = self.band_series(strong, reach, others, |_| Complex::default()) else {
+        let none = |_| Complex::default();
+        let Some(series) = self.band_series(strong, reach, others, none, whitened) else {
             return Pair::One;
         };
         let noise = (TAU * gamma / series.rate_hz).powi(-2) / strong.parameters.log_ratio.exp();

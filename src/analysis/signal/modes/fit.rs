@@ -161,19 +161,19 @@ impl Stretch<'_> {
     pub fn subband(&self, fit: &Fit, half_hz: f64, others: &[Fit]) -> Option<Subband> {
         let (middle, half) = fit.band_hz;
         let [level, slope] = fit.value.smooth;
-        self.band_series(fit, (half_hz, half_hz), others, |f| {
-            level + slope * ((f - middle) / half) + fit.beyond_linear(f)
-        })
+        let smooth = |f| level + slope * ((f - middle) / half) + fit.beyond_linear(f);
+        self.band_series(fit, (half_hz, half_hz), others, smooth, |_, _| 1.0)
     }
 
     /// Time series of a band about a resonance, so far below and above it, weighted for its pole; less the transients of `others` and
-    /// `smooth`.
+    /// `smooth`, times `gain` ([`Subband::of`]).
     pub(super) fn band_series(
         &self,
         fit: &Fit,
         (below_hz, above_hz): (f64, f64),
         others: &[Fit],
         smooth: impl Fn(f64) -> Complex<f64>,
+        gain: impl Fn(f64, f64) -> f64,
     ) -> Option<Subband> {
         let f = fit.resonance.frequency_hz;
         let limits = self.limits(f, others);
@@ -189,6 +189,7 @@ impl Stretch<'_> {
             (low, high),
             fit.pole(),
             |f| others.iter().map(|other| pull(other, f)).sum::<Complex<f64>>() + smooth(f),
+            gain,
         )
     }
 

@@ -98,9 +98,15 @@ impl Stretch<'_> {
             frequency_hz: peak_hz,
             damping: FIRST_DAMPING,
         };
-        Subband::of(self.transforms, &self.coefficients, (low, high), pole, |f| {
-            others.iter().map(|other| pull(other, f)).sum()
-        })
+        let transients = |f| others.iter().map(|other| pull(other, f)).sum();
+        Subband::of(
+            self.transforms,
+            &self.coefficients,
+            (low, high),
+            pole,
+            transients,
+            |_, _| 1.0,
+        )
         .and_then(|series| series.start_excess())
         .is_some_and(|excess| excess > SURE_EXCESS)
     }

@@ -25,8 +25,8 @@ const EVEN: f64 = 3.0;
 const FAR_SHARE: f64 = 1.5;
 /// The same of the nearer mode where one and two are as likely: the standard deviation of an even choice is half the distance.
 const NEAR_SHARE: f64 = 2.0;
-/// Distance in half-power half-widths of the single fit beyond which a second mode that shows no peak of its own is no mode: the series'
-/// weights raise white noise towards the band's ends, up to 2.5 times in power, which two modes fit better than one.
+/// Distance in half-power half-widths of the single fit beyond which a second mode that shows no peak of its own is not told: it
+/// gives the labels one more candidate, and the single fit has little error from it.
 const BESIDE: f64 = 6.0;
 /// Least power of the weaker peak, as a share of the stronger one's.
 const LEAST_SHARE: f64 = 0.01;
@@ -181,11 +181,9 @@ fn filter(series: &Subband, poles: [Pole; 2], forces: [f64; 2], noise: f64) -> O
     let [a, b] = poles.map(|pole| series.factor(pole));
     let [aa, bb] = [a.norm_sqr(), b.norm_sqr()];
     let ab = a * b.conj();
-    // The third state is the noise's last term, `w`.
-    let c = series.noise_memory;
-    let (mut x, mut y, mut w) = (Complex::default(), Complex::default(), Complex::default());
-    let (mut pxx, mut pyy, mut pww) = (forces[0] / (1.0 - aa), forces[1] / (1.0 - bb), noise);
-    let (mut pxy, mut pxw, mut pyw) = <(Complex<f64>, Complex<f64>, Complex<f64>)>::default();
+    let (mut x, mut y) = (Complex::default(), Complex::default());
+    let (mut pxx, mut pyy) = (forces[0] / (1.0 - aa), forces[1] / (1.0 - bb));
+    let mut pxy: Complex<f64> = Complex::default();
     let (mut log_det, mut quad) = (0.0, 0.0);
     // The first sample holds the part that is flat across the band.
     let mut left = series.samples[1..].iter();
@@ -196,41 +194,31 @@ fn filter(series: &Subband, poles: [Pole; 2], forces: [f64; 2], noise: f64) -> O
         pxx = aa * pxx + forces[0];
         pyy = bb * pyy + forces[1];
         pxy *= ab;
-        pxw *= a;
-        pyw *= b;
-        let gx = pxy + pxx - pxw * c.conj();
-        let gy = pxy.conj() + pyy - pyw * c.conj();
-        let gw = (pxw + pyw).conj() - c.conj() * pww;
-        let s = (gx + gy - c * gw).re + noise;
-        let e = value - x - y + c * w;
+        let gx = pxy + pxx;
+        let gy = pxy.conj() + pyy;
+        let s = gx.re + gy.re + noise;
+        let e = value - x - y;
         log_det += s.ln();
         quad += e.norm_sqr() / s;
         let gains = (gx / s, gy / s);
         x += gains.0 * e;
         y += gains.1 * e;
-        w = e * (noise / s);
         pxx -= gx.norm_sqr() / s;
         pyy -= gy.norm_sqr() / s;
         pxy -= gx * gy.conj() / s;
-        pxw = -gains.0 * noise;
-        pyw = -gains.1 * noise;
-        pww = noise - noise * noise / s;
         let moved = (gains.0 - before.0).norm_sqr() + (gains.1 - before.1).norm_sqr();
         before = gains;
         if moved < SETTLED {
             // The gains do not depend on the data and have come to rest.
             log_det += left.len() as f64 * s.ln();
             let mut rest = 0.0;
-            let recall = c * (noise / s);
-            let mut last = e;
             for value in left.by_ref() {
                 x *= a;
                 y *= b;
-                let e = value - x - y + recall * last;
+                let e = value - x - y;
                 rest += e.norm_sqr();
                 x += gains.0 * e;
                 y += gains.1 * e;
-                last = e;
             }
             quad += rest / s;
         }

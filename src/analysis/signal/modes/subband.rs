@@ -9,8 +9,7 @@
 //! where the pole `s` is the mode's and `f_0` the first line. Each coefficient is weighted by
 //! `X / (1 - e^-X)`, `X = (2 pi i f_k - s) / B`, which turns the response of the continuous oscillator into that
 //! of the recursion, and by `(f_k + f) / (2 f)` for its negative-frequency pole. Then the `u_m` of a mode
-//! under white force are independent, and a pull, a blow or a gust shows in them at its own time. White noise of the record
-//! is coloured by the weights, up to 2.5 times in power towards the band's ends: nearly a moving average of two terms.
+//! under white force are independent, and a pull, a blow or a gust shows in them at its own time.
 //! Whatever is flat across the band (the record's ends, leakage) is an impulse at `m = 0`.
 
 use super::band::Coefficients;
@@ -47,19 +46,19 @@ pub struct Subband {
     pub first_hz: f64,
     /// The series; the mean of `|y|^2` is the mean periodogram ordinate.
     pub samples: Vec<Complex<f64>>,
-    /// White noise of the record is `w_m - c w_(m-1)` here, with white `w`: this is `c`.
-    pub noise_memory: Complex<f64>,
 }
 
 impl Subband {
     /// Series of the lines between two frequencies, weighted for `pole`; `rest` is subtracted: the part at a
-    /// frequency that does not belong to the resonance. `None` if too few lines remain.
+    /// frequency that does not belong to the resonance. `gain` of a frequency and the weight's square is a further factor. `None` if
+    /// too few lines remain.
     pub fn of(
         transforms: &Transforms,
         coefficients: &Coefficients,
         (low_hz, high_hz): (f64, f64),
         pole: Pole,
         rest: impl Fn(f64) -> Complex<f64>,
+        gain: impl Fn(f64, f64) -> f64,
     ) -> Option<Self> {
         let duration_s = coefficients.duration_s;
         let first = (low_hz * duration_s).ceil().max(1.0) as usize;
@@ -76,7 +75,6 @@ impl Subband {
         let rate_hz = count as f64 / duration_s;
         let s = pole.complex();
         let scale = 1.0 / (count as f64).sqrt();
-        let (mut power, mut next) = (0.0, Complex::default());
         let mut samples: Vec<Complex<f64>> = coefficients.lines[first..first + count]
             .iter()
             .zip(first..)
@@ -85,9 +83,7 @@ impl Subband {
                 let x = (Complex::new(0.0, TAU * f) - s) / rate_hz;
                 let image = (f + pole.frequency_hz) / (2.0 * pole.frequency_hz);
                 let weight = x / (Complex::new(1.0, 0.0) - (-x).exp()) * image;
-                power += weight.norm_sqr();
-                next += Complex::cis(TAU * (k - first) as f64 / count as f64) * weight.norm_sqr();
-                (value - rest(f)) * weight * scale
+                (value - rest(f)) * weight * (scale * gain(f, weight.norm_sqr()))
             })
             .collect();
         transforms.back(&mut samples);
@@ -95,7 +91,6 @@ impl Subband {
             rate_hz,
             first_hz: first as f64 / duration_s,
             samples,
-            noise_memory: moving_average(next / power),
         })
     }
 
@@ -161,13 +156,6 @@ impl Subband {
         let noisy = (4.0 * steady * noise + 2.0 * noise * noise) / (power * power);
         (kurtosis(inner.iter().map(Complex::norm_sqr)) - noisy) * (power / steady).powi(2)
     }
-}
-
-/// `c` of `w_m - c w_(m-1)`, `w` white, whose autocorrelation at lag one is `-c / (1 + |c|^2)`.
-fn moving_average(autocorrelation: Complex<f64>) -> Complex<f64> {
-    // None has more than a half.
-    let square = autocorrelation.norm_sqr().min(0.2);
-    autocorrelation * (-2.0 / (1.0 + (1.0 - 4.0 * square).sqrt()))
 }
 
 /// `n sum p^2 / (sum p)^2` of powers.

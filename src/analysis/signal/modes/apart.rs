@@ -9,6 +9,8 @@ use std::f64::consts::TAU;
 
 /// Distance of two fits that are judged together, over the sum of their half-power half-widths.
 const TOUCHING: f64 = 5.0;
+/// Fewest lines of a band that is whitened: of fewer the fit's noise is too uncertain, and nothing shows in the band's ends.
+const LEAST_WHITENED: f64 = 100.0;
 
 impl Stretch<'_> {
     /// Resonances of all fits: a fit of two close modes becomes two resonances, and wider errors where that
@@ -70,7 +72,11 @@ impl Stretch<'_> {
         // The weights are for modes: they colour white noise, up to 2.5 times in power at the band's ends, and other modes' skirts
         // reach into the band. As the single fits know them, noise and skirts are made white again; else the end of a long record's
         // band passes for a second mode.
+        let is_long = (reach.0 + reach.1) * self.coefficients.duration_s >= LEAST_WHITENED;
         let whitened = |f: f64, weight: f64| {
+            if !is_long {
+                return 1.0;
+            }
             let modes = skirt(strong, f) + weak.map_or(0.0, |weak| skirt(weak, f));
             let beside = others.iter().map(|other| skirt(other, f)).sum::<f64>();
             let noise = strong.value.noise;

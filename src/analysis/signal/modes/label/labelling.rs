@@ -19,7 +19,7 @@ const SURE: f64 = 0.995;
 /// Largest probability allowed that no rod is seen: where the force is hardly known beforehand, and where it
 /// is known.
 const MOST_NO_ROD: f64 = 0.006;
-const MOST_NO_ROD_KNOWN: f64 = 0.0006;
+const MOST_NO_ROD_KNOWN: f64 = 0.0004;
 /// A rod whose first mode is known beforehand to this standard deviation of ln f counts as known, for
 /// instance by a force stated to 30 % where section and material are known.
 const KNOWN_LOG_SD: f64 = 0.21;

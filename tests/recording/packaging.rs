@@ -245,6 +245,75 @@ fn any_packaging_gives_the_same_events() {
     }
 }
 
+/// Blocks of a file, a chunk each, in another order.
+fn in_blocks(path: &Path, blocks: &[&[mcap::Message<'static>]], has_data_checksum: bool) {
+    let mut writer = mcap::WriteOptions::new()
+        .chunk_size(None)
+        .calculate_data_section_crc(has_data_checksum)
+        .create(BufWriter::new(File::create(path).unwrap()))
+        .unwrap();
+    for block in blocks {
+        block.iter().for_each(|message| writer.write(message).unwrap());
+        writer.flush().unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+/// A recorder that writes blocks late: a finished file is read by time, with a checksum over its data and without.
+#[test]
+fn blocks_written_out_of_order_cost_nothing() {
+    let (site, messages) = recorded(8, 12.0);
+    let config = Config::load(&site.path("site.toml")).unwrap();
+    let expected = events(&[site.path("whole.mcap")], &config);
+    for seed in 0..8 {
+        let mut rng = random::stream(seed, 1);
+        let mut blocks: Vec<_> = messages.chunks(rng.random_range(20..400)).collect();
+        for last in (1..blocks.len()).rev() {
+            blocks.swap(last, rng.random_range(0..=last));
+        }
+        let path = site.path("blocks.mcap");
+        in_blocks(&path, &blocks, seed % 2 == 0);
+        assert_same(
+            &expected,
+            &events(std::slice::from_ref(&path), &config),
+            &format!("seed {seed}"),
+        );
+        // A bit in the middle is found in either kind of file.
+        let mut bytes = fs::read(&path).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 4;
+        fs::write(&path, bytes).unwrap();
+        let (output, code) = site.replay(&[path.to_str().unwrap()], "damaged.db");
+        assert_eq!(code, 3);
+        assert!(
+            text(&output.stderr).contains("blocks.mcap: "),
+            "{}",
+            text(&output.stderr)
+        );
+    }
+}
+
+/// Two blocks of one channel that overlap in time (a clock set back) stay where they are.
+#[test]
+fn blocks_that_overlap_in_time_stay_in_their_order() {
+    let (site, messages) = recorded(8, 12.0);
+    let config = Config::load(&site.path("site.toml")).unwrap();
+    let set_back = |message: &mcap::Message<'static>| mcap::Message {
+        log_time: message.log_time - 3_597_000_000_000,
+        publish_time: message.publish_time - 3_597_000_000_000,
+        ..message.clone()
+    };
+    let half = messages.len() / 2;
+    let later: Vec<_> = messages[half..].iter().map(set_back).collect();
+    let blocks: Vec<_> = messages[..half].chunks(100).chain(later.chunks(100)).collect();
+    let [whole, loose] = ["blocks.mcap", "loose.mcap"].map(|name| site.path(name));
+    in_blocks(&whole, &blocks, true);
+    // Messages without chunks are read as they stand.
+    write(&loose, blocks.iter().copied().flatten(), None);
+    let expected = events(&[loose], &config);
+    assert_same(&expected, &events(&[whole], &config), "set back");
+}
+
 #[test]
 fn any_packaging_gives_the_same_rows() {
     let (site, messages) = recorded(24, 12.0);

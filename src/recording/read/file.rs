@@ -1,5 +1,7 @@
 //! Reads one file: verifies its checksum before any of its data is used, then reads it item by item.
 
+use super::hole::Hole;
+use super::in_order::{InOrder, Places};
 use super::mcap::{Damage, Item, Progress, Reader};
 use super::verify::{Check, Trust};
 use std::io::{self, Read, Seek};
@@ -8,7 +10,10 @@ use std::io::{self, Read, Seek};
 pub(super) struct FileReader<R> {
     checking: Option<(R, Check)>,
     /// `None` until the checksum is verified.
-    reader: Option<Box<Reader<R>>>,
+    reader: Option<Box<Reader<InOrder<R>>>>,
+    places: Places,
+    /// True if chunks are read by their times.
+    is_by_time: bool,
 }
 
 impl<R: Read + Seek> FileReader<R> {
@@ -18,30 +23,64 @@ impl<R: Read + Seek> FileReader<R> {
         Ok(match Check::begin(&mut input)? {
             Some(check) => Self {
                 checking: Some((input, check)),
-                reader: None,
+                ..Self::empty(false)
             },
             None => Self::unchecked(input, live),
         })
     }
 
-    /// A file that is read without verifying a checksum.
-    pub fn unchecked(input: R, live: bool) -> Self {
-        Self::reading(Reader::new(input, Trust::Unverified, live))
+    /// A finished file, as [`Self::checked`], whose chunks are read in the order of their times.
+    pub fn by_time(mut input: R) -> io::Result<Self> {
+        let mut file = Self::empty(true);
+        match Check::begin(&mut input)? {
+            Some(check) => file.checking = Some((input, check)),
+            None => file.begin(input, Trust::Unverified)?,
+        }
+        Ok(file)
     }
 
-    fn reading(reader: Reader<R>) -> Self {
+    /// A file that is read without verifying a checksum.
+    pub fn unchecked(input: R, live: bool) -> Self {
+        Self {
+            reader: Some(Box::new(Reader::new(
+                InOrder::plain(input),
+                Trust::Unverified,
+                live,
+            ))),
+            ..Self::empty(false)
+        }
+    }
+
+    fn empty(is_by_time: bool) -> Self {
         Self {
             checking: None,
-            reader: Some(Box::new(reader)),
+            reader: None,
+            places: Places::default(),
+            is_by_time,
         }
+    }
+
+    /// Begins to read a finished file at its first byte.
+    fn begin(&mut self, input: R, trust: Trust) -> io::Result<()> {
+        // Of a damaged file only what comes before the fault counts.
+        let reader = if self.is_by_time && trust != Trust::Damaged {
+            let (input, places) = InOrder::by_time(input)?;
+            self.places = places;
+            match input.is_moved() {
+                true => Reader::of_moved(input, trust),
+                false => Reader::new(input, trust, false),
+            }
+        } else {
+            Reader::new(InOrder::plain(input), trust, false)
+        };
+        self.reader = Some(Box::new(reader));
+        Ok(())
     }
 
     /// Returns the reader set to skip holes left by a power cut, unless the file has a checksum.
-    pub fn passing_holes(self) -> Self {
-        match self.reader {
-            Some(reader) => Self::reading(reader.passing_holes()),
-            None => self,
-        }
+    pub fn passing_holes(mut self) -> Self {
+        self.reader = self.reader.map(|reader| Box::new(reader.passing_holes()));
+        self
     }
 
     /// Verifies the whole checksum, if there is one.
@@ -58,7 +97,7 @@ impl<R: Read + Seek> FileReader<R> {
             && let Some(trust) = check.step(input)?
             && let Some((input, _)) = self.checking.take()
         {
-            *self = Self::reading(Reader::new(input, trust, false));
+            self.begin(input, trust)?;
         }
         Ok(())
     }
@@ -66,7 +105,19 @@ impl<R: Read + Seek> FileReader<R> {
     /// Takes one step: at most one record, or part of one chunk or of the checksum.
     pub fn step(&mut self, each: &mut dyn FnMut(Item<'_>)) -> Result<Progress, Damage> {
         if let Some(reader) = &mut self.reader {
-            return reader.step(each);
+            let places = &self.places;
+            let in_file = |offset| places.in_file(offset);
+            let outcome = reader.step(&mut |item| match item {
+                Item::Hole(hole) => each(Item::Hole(&Hole {
+                    offset: in_file(hole.offset),
+                    ..hole.clone()
+                })),
+                other => each(other),
+            });
+            return outcome.map_err(|damage| Damage {
+                offset: in_file(damage.offset),
+                ..damage
+            });
         }
         match self.check_on() {
             Ok(()) => Ok(Progress::More),
@@ -78,7 +129,13 @@ impl<R: Read + Seek> FileReader<R> {
     }
 
     /// Reader of the items, once the checksum is verified.
-    pub fn reader(&self) -> Option<&Reader<R>> {
+    pub fn reader(&self) -> Option<&Reader<InOrder<R>>> {
         self.reader.as_deref()
+    }
+
+    /// Position in the file of the record or chunk with which the next step continues \[bytes\].
+    pub fn offset(&self) -> u64 {
+        self.reader()
+            .map_or(0, |reader| self.places.in_file(reader.offset()))
     }
 }

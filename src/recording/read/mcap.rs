@@ -179,9 +179,18 @@ impl ChannelInfo {
 impl<R: Read> Reader<R> {
     /// Starts at the first byte of `input`. With `live`, the end of the input is a pause.
     pub fn new(input: R, trust: Trust, live: bool) -> Self {
+        Self::with(input, trust, live, true)
+    }
+
+    /// Starts at the first byte of a finished file whose chunks come in another order than its checksum was taken in.
+    pub(super) fn of_moved(input: R, trust: Trust) -> Self {
+        Self::with(input, trust, false, false)
+    }
+
+    fn with(input: R, trust: Trust, live: bool, has_checksum: bool) -> Self {
         let options = LinearReaderOptions::default()
             .with_emit_chunks(true)
-            .with_validate_data_section_crc(true)
+            .with_validate_data_section_crc(has_checksum)
             .with_validate_summary_section_crc(true)
             .with_check_finishes_after_end_magic(!live)
             .with_record_length_limit(MAX_RECORD);

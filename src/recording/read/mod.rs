@@ -9,6 +9,7 @@ mod definition;
 mod file;
 pub mod folder;
 pub mod hole;
+mod in_order;
 pub mod json;
 mod lanes;
 pub mod mcap;

@@ -169,7 +169,7 @@ impl Recording {
         Ok(Self {
             stage: Stage::Reading(match live {
                 true => FileReader::unchecked(input, live),
-                false => FileReader::checked(input, live).map_err(failed)?,
+                false => FileReader::by_time(input).map_err(failed)?,
             }),
             router: Router::new(rods, settings),
             queue: VecDeque::new(),
@@ -237,7 +237,7 @@ impl Recording {
                 let outcome = file.step(&mut |item| router.item(item));
                 if let Some(reader) = file.reader() {
                     self.read = reader.bytes_read();
-                    self.offset = reader.offset();
+                    self.offset = file.offset();
                 }
                 outcome
             }

@@ -4,6 +4,7 @@
 //! daemon both read a journal here, so they cut the same records.
 
 use super::file::FileReader;
+use super::in_order::InOrder;
 use super::mcap::{Damage, Progress, Reader};
 use super::route::{Listener, Router, Timed};
 use super::source::{Source, Step};
@@ -422,7 +423,7 @@ impl Open {
     }
 
     /// Reader of the items, once the part's checksum is verified.
-    fn reader(&self) -> Option<&Reader<File>> {
+    fn reader(&self) -> Option<&Reader<InOrder<File>>> {
         self.file.as_ref().ok().and_then(|(_, reader)| reader.reader())
     }
 

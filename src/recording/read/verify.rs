@@ -82,8 +82,8 @@ impl Check {
     }
 }
 
-/// End of the data of a complete file \[bytes\] and the checksum over them; `None` without.
-fn find(file: &mut (impl Read + Seek)) -> io::Result<Option<(u64, u32)>> {
+/// Begin of the summary of a complete file and of its footer, equal without a summary; `None` if the file has no end \[bytes\].
+pub fn summary(file: &mut (impl Read + Seek)) -> io::Result<Option<(u64, u64)>> {
     let length = file.seek(SeekFrom::End(0))?;
     let tail_length = FOOTER + mcap::MAGIC.len() as u64;
     if length < tail_length + DATA_END {
@@ -104,10 +104,12 @@ fn find(file: &mut (impl Read + Seek)) -> io::Result<Option<(u64, u32)>> {
         0 => footer_at,
         at => at,
     };
-    let Some(end_at) = summary_at
-        .checked_sub(DATA_END)
-        .filter(|_| summary_at <= footer_at)
-    else {
+    Ok((summary_at <= footer_at).then_some((summary_at, footer_at)))
+}
+
+/// End of the data of a complete file \[bytes\] and the checksum over them; `None` without.
+fn find(file: &mut (impl Read + Seek)) -> io::Result<Option<(u64, u32)>> {
+    let Some(end_at) = summary(file)?.and_then(|(summary_at, _)| summary_at.checked_sub(DATA_END)) else {
         return Ok(None);
     };
     file.seek(SeekFrom::Start(end_at))?;

@@ -65,7 +65,7 @@ impl Coefficients {
             let mut cell = Cell::default();
             for (line, value) in self.lines.iter().enumerate().take(end.min(k + most)).skip(k) {
                 let f = line as f64 / self.duration_s;
-                if masks.iter().any(|m| (m.low_hz..=m.high_hz).contains(&f)) {
+                if masks.iter().any(|mask| mask.contains(f)) {
                     continue;
                 }
                 cell.lines += 1.0;

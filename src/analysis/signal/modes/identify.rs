@@ -228,12 +228,6 @@ impl PeakSearch {
                 self.add_decay_peaks(&mut peaks, record.fs_hz, decay, stretch_s, (low_hz, high_hz));
             }
         }
-        peaks.retain(|p| {
-            !self
-                .masks
-                .iter()
-                .any(|m| (m.low_hz..=m.high_hz).contains(&p.frequency_hz))
-        });
         let search = Search {
             masks: &self.masks,
             line_hz: spectrum.df_hz,

@@ -133,6 +133,13 @@ pub struct Mask {
     pub high_hz: f64,
 }
 
+impl Mask {
+    /// True if a frequency \[Hz\] lies in it.
+    pub fn contains(&self, hz: f64) -> bool {
+        (self.low_hz..=self.high_hz).contains(&hz)
+    }
+}
+
 /// A range of frequencies in which a person declared one mode: its clearest peak there is that mode, even if
 /// others fit better.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

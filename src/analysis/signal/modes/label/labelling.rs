@@ -8,6 +8,7 @@ use super::peak::{Peak, peaks};
 use super::posterior::Posterior;
 use super::rod::Rod;
 use super::search::Grid;
+use crate::rod::beam::forward::MAX_MODES;
 use crate::rod::prior::RodPrior;
 use crate::signal::record::Rejection;
 
@@ -31,6 +32,8 @@ const MOST_NO_ROD_DECLARED: f64 = 0.5;
 /// thousand.
 const STRUCK: f64 = -8.0;
 const STRUCK_KNOWN: f64 = -4.5;
+/// Largest share of the assignments of several peaks by which the mode declared to be the first may be a higher one.
+const MOST_HIGHER: f64 = 0.9;
 /// Most candidates reported, and the least probability of one after the first.
 const CANDIDATES: usize = 5;
 const LEAST_CANDIDATE: f64 = 0.01;
@@ -124,11 +127,7 @@ impl LabelPlan {
         let low_hz = low_hz.max(seen_hz.0);
         let high_hz = high_hz.min(seen_hz.1).max(1.001 * low_hz);
         let masks = &self.settings.masks;
-        let is_masked = |hz: f64| {
-            masks
-                .iter()
-                .any(|mask| (mask.low_hz..=mask.high_hz).contains(&hz))
-        };
+        let is_masked = |hz: f64| masks.iter().any(|mask| mask.contains(hz));
         let is_searched = |hz: f64| (low_hz..=high_hz).contains(&hz) && !is_masked(hz);
         let log_band = libm::log(high_hz / low_hz).max(0.1);
         let is_struck = matches!(kind, MotionKind::FreeDecay | MotionKind::FreeDecays);
@@ -163,7 +162,7 @@ impl LabelPlan {
             resonances,
             posterior: Posterior::of(&scene, &self.grid),
         };
-        told.choose()
+        told.contradiction(&self.grid).map_or_else(|| told.choose(), Err)
     }
 
     /// Assignment of the clearest peak in each declared window.
@@ -191,6 +190,35 @@ struct Told<'a> {
 }
 
 impl Told<'_> {
+    /// Refusal where the other peaks say that the one declared to be the first mode is a higher one.
+    fn contradiction(&self, grid: &Grid) -> Option<Unlabelled> {
+        let best = self.posterior.fits.first()?.code;
+        let peak = best.peak_of(1).filter(|_| self.scene.is_first_seen)?;
+        let scene = Scene {
+            is_first_seen: false,
+            ..*self.scene
+        };
+        let undeclared = Posterior::of(&scene, grid);
+        let of_order = |is_it: fn(usize) -> bool| {
+            undeclared
+                .probability(|code| code.order_of(peak).is_some_and(is_it) && code.pairs().nth(1).is_some())
+        };
+        let (first, higher) = (of_order(|order| order == 1), of_order(|order| order > 1));
+        (higher > MOST_HIGHER * (first + higher) && higher > undeclared.no_rod).then(|| {
+            let told = Told {
+                scene: &scene,
+                posterior: undeclared,
+                ..*self
+            };
+            let reason = format!(
+                "modes.count = 1 declares that {:.4} Hz is the first mode, which the other peaks contradict; {}; leave modes.count out",
+                self.hz(peak),
+                told.rivals()
+            );
+            told.refused(Code::default(), reason)
+        })
+    }
+
     fn choose(&self) -> Result<Labelling, Unlabelled> {
         let posterior = &self.posterior;
         let settings = &self.plan.settings;
@@ -212,15 +240,16 @@ impl Told<'_> {
             );
             return Err(self.refused(Code::default(), reason));
         }
-        let told = self.told(best.code);
+        let certain = self.certain(best.code);
+        let told = self.used(certain);
         let is_declared = self.scene.is_first_seen
             || told
                 .pairs()
                 .any(|(order, _)| self.scene.declared.peak_of(order).is_some());
-        let mut pairs = told.pairs();
+        let mut pairs = certain.pairs();
         if let (Some((order, peak)), None, false) = (pairs.next(), pairs.next(), is_declared) {
             let reason = format!(
-                "only {:.4} Hz is certain, as mode {order}, and one peak alone proves nothing; {}, or modes.count = 1",
+                "only {:.4} Hz is certain, as mode {order}, and one peak alone proves nothing; {}",
                 self.hz(peak),
                 self.deciding(best.code)
             );
@@ -234,8 +263,12 @@ impl Told<'_> {
             let reason = if certain.is_empty() {
                 format!("{}; {}", self.rivals(), self.deciding(best.code))
             } else {
+                let highest = told.pairs().filter(|(order, _)| *order <= MAX_MODES).last();
+                let remedy = highest.map_or(String::new(), |(order, _)| {
+                    format!("; modes.count = {order} would use it")
+                });
                 format!(
-                    "{}, but no mode up to modes.count = {}",
+                    "{}, but no mode up to modes.count = {}{remedy}",
                     certain.join(", "),
                     settings.count
                 )
@@ -266,39 +299,47 @@ impl Told<'_> {
         })
     }
 
-    /// Part of an assignment that is probable enough. Drops the least certain pairs until the rest reaches
-    /// the required level, then pairs that the force does not use until the rest is sure.
-    fn told(&self, best: Code) -> Code {
-        let settings = &self.plan.settings;
-        let declared = self.scene.declared;
-        let least_certain = |told: Code, from: usize| {
-            // Peaks declared by a person stay in any case.
-            told.pairs()
-                .filter(|&(order, _)| order >= from && declared.peak_of(order).is_none())
-                .map(|(order, peak)| {
-                    (
-                        order,
-                        self.posterior
-                            .probability(|code| code.peak_of(order) == Some(peak)),
-                    )
-                })
-                .min_by(|a, b| a.1.total_cmp(&b.1))
-        };
-        let right = |told: Code| self.posterior.probability(|code| code.contains(told));
+    /// Part of an assignment that is probable enough: without its least certain pairs until the rest reaches the required level.
+    fn certain(&self, best: Code) -> Code {
         let wrong = |told: Code| self.posterior.probability(|code| code.contradicts(told));
         let mut told = best;
-        while right(told) < settings.least_probability || wrong(told) > MOST_WRONG_ORDER {
-            let Some((order, _)) = least_certain(told, 1) else {
-                return declared;
+        while self.right(told) < self.plan.settings.least_probability || wrong(told) > MOST_WRONG_ORDER {
+            let Some(order) = self.least_certain(told, 1) else {
+                return self.scene.declared;
             };
             told = told.with(order, None);
         }
-        while right(told) < SURE
-            && let Some((order, _)) = least_certain(told, settings.count + 1)
+        told
+    }
+
+    /// Part of a certain assignment: without pairs that the force does not use until the rest is sure.
+    fn used(&self, certain: Code) -> Code {
+        let mut told = certain;
+        while self.right(told) < SURE
+            && let Some(order) = self.least_certain(told, self.plan.settings.count + 1)
         {
             told = told.with(order, None);
         }
         told
+    }
+
+    fn right(&self, told: Code) -> f64 {
+        self.posterior.probability(|code| code.contains(told))
+    }
+
+    /// Order of the least certain pair from an order on; peaks declared by a person stay in any case.
+    fn least_certain(&self, told: Code, from: usize) -> Option<usize> {
+        let free = told
+            .pairs()
+            .filter(|&(order, _)| order >= from && self.scene.declared.peak_of(order).is_none());
+        let of_pair = |(order, peak)| {
+            let probability = self
+                .posterior
+                .probability(|code| code.peak_of(order) == Some(peak));
+            (order, probability)
+        };
+        let least = free.map(of_pair).min_by(|a, b| a.1.total_cmp(&b.1));
+        least.map(|(order, _)| order)
     }
 
     fn hz(&self, peak: usize) -> f64 {
@@ -383,12 +424,19 @@ impl Told<'_> {
         }
         if !foreign.is_empty() {
             remedies.push(format!(
-                "a mask over what is not the rod's ({})",
+                "a mask over what is not the rod's, if it is among {}",
                 foreign.join(", ")
             ));
         }
         if self.scene.peaks.len() < 3 {
             remedies.push("a record in which more modes stand out".to_owned());
+        }
+        let mut pairs = best.pairs();
+        if let (Some((1, peak)), None) = (pairs.next(), pairs.next()) {
+            remedies.push(format!(
+                "modes.count = 1, if {:.2} Hz is known to be the first mode",
+                self.hz(peak)
+            ));
         }
         remedies.push("a window per mode in [rod.modes]".to_owned());
         format!("what would decide: {}", remedies.join(", or "))

@@ -27,6 +27,7 @@ KINDS = {
     "load 3 %": LOAD,
     "load 1 %": [("deflection", 0.01)],
     "mass, ratios": [("ratio", 0.0014)],
+    "strain at 0.1 L, mode 1": [("strain_there", 0.02)],
     "strains at 0.05 L": STRAINS,
     "strains at 0.1 L": [("strains_there", 0.02)],
     "shapes": [("shapes", 0.01)],
@@ -48,12 +49,13 @@ def written(parts, true, rng):
     keys = {}
     for what, error in parts:
         # A ratio is not read more exactly than this where it passes through zero.
-        sd = error * np.maximum(np.abs(true[what]), sampler.LEAST if what.startswith("strains") else 0.0)
+        sd = error * np.maximum(np.abs(true[what]), sampler.LEAST if what.startswith("strain") else 0.0)
         read = [f"{value:.10g}+-{s:.10g}" for value, s in zip(true[what] + sd * rng.standard_normal(len(sd)), sd)]
         modes = lambda text: [f"mode{order}:{text}={value}" for order, value in enumerate(read, 1)]
         key, lines = {
             "deflection": lambda: ("load", [f"300N@0.5L={read[0].replace('+-', 'm+-')}m"]),
             "ratio": lambda: ("mass", modes(judge.MASS)),
+            "strain_there": lambda: ("strain", [f"mode1:0.1L/0.1L={read[0]}"]),
             "strains": lambda: ("strain", modes("0.05L/0.1L")),
             "strains_there": lambda: ("strain", modes("0.1L/0.1L")),
             "shapes": lambda: ("shape", modes("0.1L/0.4L")),
@@ -136,7 +138,7 @@ def main():
             error = np.array([said[i]["mean"] - truths[i] for truths, said in good])
             sd = np.mean([said[i]["sd"] for truths, said in good])
             print(
-                f"{name:19} {change:+.0%} held {held} of {len(good)} ({100 * a:.1f} to {100 * b:.1f} %), truth below {sum(low)}, above {sum(high)}, "
+                f"{name:23} {change:+.0%} held {held} of {len(good)} ({100 * a:.1f} to {100 * b:.1f} %), truth below {sum(low)}, above {sum(high)}, "
                 f"stated sd {100 * sd:.3f} %, rms error {100 * np.sqrt(np.mean(error**2)):.3f} %, mean error {100 * error.mean():+.3f} %",
                 flush=True,
             )

@@ -261,41 +261,36 @@ fn what_comes_when_its_moment_has_closed_is_refused_by_name() {
 fn every_event_names_the_file_of_its_last_sample() {
     let (site, messages) = site(12);
     let config = Config::load(&site.path("site.toml")).unwrap();
-    // The second sensor's first records are in the second file, when the moments of that time have closed.
-    let split_s = 9.5 * INTERVAL_S;
-    let is_second = |message: &Message<'static>| message.channel.topic == "/a/2";
-    let is_late = |message: &&Message<'static>| {
-        is_second(message) && (0.5 * INTERVAL_S..2.5 * INTERVAL_S).contains(&seconds(message))
-    };
-    let first = messages
-        .iter()
-        .filter(|message| !is_second(message) && seconds(message) < split_s);
-    write(&site.path("first.mcap"), first, Some(1 << 20));
-    let late = messages.iter().filter(is_late);
-    let rest = messages.iter().filter(|message| seconds(message) >= split_s);
-    write(&site.path("second.mcap"), late.chain(rest), Some(1 << 20));
+    // The second sensor dies in the first file: what waits for it is complete in the second.
+    let messages = without(&messages, "/a/2", 3.0 * INTERVAL_S);
+    let split_s = 6.5 * INTERVAL_S;
+    for (name, is_second) in [("first.mcap", false), ("second.mcap", true)] {
+        let own = messages
+            .iter()
+            .filter(|message| (seconds(message) >= split_s) == is_second);
+        write(&site.path(name), own, Some(1 << 20));
+    }
     let start = Timestamp::as_written(START).unwrap();
     let channels = config.rods.iter().map(|rod| rod.channels.clone()).collect();
     let paths = [site.path("first.mcap"), site.path("second.mcap")];
     let files = read::recordings(&paths);
-    let (mut late, mut waited) = (0, 0);
+    let (mut seen, mut waited) = (0, 0);
     for step in Recordings::new(files, channels, config.record, false, Arc::default()) {
-        let Step::Event(Event::Moment(moment), place) = step else {
+        let Step::Event(event @ Event::Moment(_), place) = step else {
             continue;
         };
-        let (sensor, event) = &moment.seen[0];
-        let (is_refused, begins) = match event {
-            Event::Record(record) => (false, record.start),
-            Event::Rejected { start, .. } => (true, start.unwrap()),
-            other => panic!("{other:?}"),
+        let Some(begins) = event.record().map(|record| record.start) else {
+            continue;
         };
-        let is_of_second = *sensor == 1 || begins.seconds_since(start) >= split_s;
-        let expected = if is_of_second { "second.mcap" } else { "first.mcap" };
-        assert!(place.origin.ends_with(expected), "{} {moment:?}", place.origin);
-        late += usize::from(*sensor == 1 && is_refused);
+        let expected = match begins.seconds_since(start) < split_s {
+            true => "first.mcap",
+            false => "second.mcap",
+        };
+        assert!(place.origin.ends_with(expected), "{begins}: {}", place.origin);
+        seen += 1;
         waited += usize::from(place.origin != place.file);
     }
-    assert!(late >= 1 && waited >= 1, "{late} {waited}");
+    assert!(seen == 12 && waited >= 3, "{seen} {waited}");
 }
 
 /// A file of each sensor, in two runs or in one that cannot read them side by side: a motion has one row.

@@ -591,7 +591,7 @@ fn a_record_names_its_sensors_and_those_left_out() {
     std::fs::write(site.path("site.toml"), several).unwrap();
     site.replay(&["archive/first.mcap"], "site.db");
     let server = Server::of(&site, "site.db");
-    let told = &server.get("/api/v1/rods/north/latest")["latest"]["sensors"];
+    let told = &server.get("/api/v1/rods/north/records?limit=1")["records"][0]["sensors"];
     let why = told["left_out"][0]["why"].as_str().unwrap();
     assert_eq!(
         (&told["used"], &told["left_out"][0]["sensor"]),

@@ -1,7 +1,7 @@
 //! Runs a store's records through the plans again, without their recordings; counted as a campaign's are.
 
 use super::BadArguments;
-use super::campaign::{OnEvent, Tally, is_broken_pipe};
+use super::campaign::{Became, OnEvent, Tally, is_broken_pipe};
 use super::progress::Progress;
 use crate::config::Config;
 use crate::site::analyse::{Analysed, Known};
@@ -58,18 +58,16 @@ pub fn run(
     let mut failure = None;
     reanalysis::run(reader, plans, known, workers, |analysed, before, done| {
         bar.set(done, all);
-        let is_new = match analysed {
-            Analysed::Known(..) => Ok(false),
+        let became = match analysed {
+            Analysed::Known(..) => Ok(Became::Known),
             _ => on_event(analysed, None, before, &bar),
         };
-        match (is_new, analysed) {
-            (Err(error), _) => {
+        match became {
+            Err(error) => {
                 failure = Some(error);
                 return ControlFlow::Break(());
             }
-            (Ok(_), Analysed::Readings(..)) => {}
-            (Ok(true), Analysed::Record(outcome)) => tally.count(outcome, &bar),
-            (Ok(_), _) => tally.repeat(),
+            Ok(became) => tally.event(analysed, &became, &bar),
         }
         ControlFlow::Continue(())
     })?;

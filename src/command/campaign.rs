@@ -6,15 +6,17 @@ use super::progress::Progress;
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::identify::{LeftOut, Sensors};
 use crate::analysis::outcome::Outcome;
-use crate::analysis::signal::record::{Rejection, RodChannels, RodId, Timestamp};
+use crate::analysis::signal::record::{Rejection, RodChannels, RodId, Timestamp, is_one_motion};
 use crate::config::Config;
 use crate::recording::read::{self, Recordings, SourceError, Step, Summary};
 use crate::site::analyse::{Analysed, Known, LastSeen};
 use crate::site::driver::{self, Done, Held, Job, Taker};
+use crate::site::motion;
 use crate::site::ordered_map::Limits;
 use crate::site::prepared::Plans;
 use crate::site::records::{Others, in_order, opener};
 use crate::site::store::Position;
+use crate::site::trackers::Taken;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fmt::{self, Display};
 use std::io;
@@ -28,6 +30,9 @@ use std::time::Instant;
 
 /// Most samples of records in memory between reading and analysis (8 bytes each).
 const SAMPLES_IN_FLIGHT: usize = 2 << 20;
+
+/// Latest motions of a rod that another file's record is compared with.
+const REMEMBERED: usize = 4096;
 
 /// Options for reading recordings.
 #[derive(Debug, Clone, Copy, Default, clap::Args)]
@@ -138,15 +143,35 @@ impl Display for Tally {
     }
 }
 
-/// Takes the result of an event, its position in the recording if it has one, and the record of its rod that passed
-/// before. Returns true if it is new.
+/// What became of an event.
+pub enum Became {
+    /// It was there before.
+    Known,
+    /// It is new.
+    New,
+    /// It is new, and its motion has a row already.
+    Late(Box<Outcome>),
+}
+
+impl Became {
+    /// Of a record that a site took, if it did.
+    pub fn of(taken: Option<Taken>) -> Self {
+        match taken {
+            None => Self::Known,
+            Some(Taken { late: None, .. }) => Self::New,
+            Some(Taken { late: Some(late), .. }) => Self::Late(Box::new(late)),
+        }
+    }
+}
+
+/// Takes the result of an event, its position in the recording if it has one, and the record of its rod that passed before.
 pub trait OnEvent:
-    FnMut(&Analysed, Option<Position<'_>>, Option<[u8; 32]>, &Progress) -> anyhow::Result<bool>
+    FnMut(&Analysed, Option<Position<'_>>, Option<[u8; 32]>, &Progress) -> anyhow::Result<Became>
 {
 }
 
 impl<F> OnEvent for F where
-    F: FnMut(&Analysed, Option<Position<'_>>, Option<[u8; 32]>, &Progress) -> anyhow::Result<bool>
+    F: FnMut(&Analysed, Option<Position<'_>>, Option<[u8; 32]>, &Progress) -> anyhow::Result<Became>
 {
 }
 
@@ -202,6 +227,7 @@ pub fn run(
         tally: Tally::default(),
         seen: HashSet::new(),
         passed: LastSeen::default(),
+        motions: BTreeMap::new(),
         failure: None,
     };
     let jobs = input.filter_map(|step| match step {
@@ -251,6 +277,8 @@ struct Delivery<'a, F> {
     /// Identities of the records of this run.
     seen: HashSet<[u8; 32]>,
     passed: LastSeen,
+    /// Motions of rods with several sensors that have a row in this run.
+    motions: BTreeMap<RodId, Vec<motion::Span>>,
     failure: Option<anyhow::Error>,
 }
 
@@ -270,6 +298,30 @@ impl<F: OnEvent> Taker for Delivery<'_, F> {
 }
 
 impl<F: OnEvent> Delivery<'_, F> {
+    /// Refuses what a rod's sensors in files of their own have of a motion that has its row.
+    fn once(&mut self, analysed: Analysed) -> Analysed {
+        let Analysed::Record(outcome) = &analysed else {
+            return analysed;
+        };
+        let (Some(span), Some(identity)) = (motion::span(outcome), outcome.identity()) else {
+            return analysed;
+        };
+        if self.seen.contains(&identity) {
+            return analysed;
+        }
+        let motions = self.motions.entry(outcome.rod().clone()).or_default();
+        if motions
+            .iter()
+            .rev()
+            .take(REMEMBERED)
+            .any(|known| is_one_motion(*known, span))
+        {
+            return Analysed::Record(Box::new(motion::late(outcome)));
+        }
+        motions.push(span);
+        analysed
+    }
+
     fn done(&mut self, done: Done) -> ControlFlow<()> {
         let (analysed, place) = match done {
             Done::Event(analysed, place) => (analysed, place),
@@ -287,6 +339,7 @@ impl<F: OnEvent> Delivery<'_, F> {
             Done::Job(_) => return ControlFlow::Continue(()),
         };
         let before = self.passed.pass(&analysed);
+        let analysed = self.once(analysed);
         let is_repeated = match &analysed {
             Analysed::Known(..) => true,
             Analysed::Record(outcome) => outcome
@@ -294,28 +347,34 @@ impl<F: OnEvent> Delivery<'_, F> {
                 .is_some_and(|identity| !self.seen.insert(identity)),
             Analysed::Readings(..) => false,
         };
-        let is_new = match is_repeated {
-            true => false,
+        let became = match is_repeated {
+            true => Became::Known,
             false => match (self.on_event)(&analysed, Some(place.position()), before, self.bar) {
-                Ok(is_new) => is_new,
+                Ok(became) => became,
                 Err(error) => {
                     self.failure = Some(error);
                     return ControlFlow::Break(());
                 }
             },
         };
-        match &analysed {
-            Analysed::Readings(..) => {}
-            Analysed::Record(outcome) if is_new => self.tally.count(outcome, self.bar),
-            Analysed::Record(_) | Analysed::Known(..) => self.tally.repeat(),
-        }
+        self.tally.event(&analysed, &became, self.bar);
         ControlFlow::Continue(())
     }
 }
 
 impl Tally {
+    /// Counts an event.
+    pub fn event(&mut self, analysed: &Analysed, became: &Became, bar: &Progress) {
+        match (analysed, became) {
+            (Analysed::Readings(..), _) => {}
+            (Analysed::Record(outcome), Became::New) => self.count(outcome, bar),
+            (Analysed::Record(_), Became::Late(late)) => self.count(late, bar),
+            _ => self.repeated += 1,
+        }
+    }
+
     /// Counts a new record.
-    pub fn count(&mut self, outcome: &Outcome, bar: &Progress) {
+    fn count(&mut self, outcome: &Outcome, bar: &Progress) {
         if let Some(sensors) = outcome.sensors() {
             self.leave_out(outcome.rod(), outcome.start(), sensors, bar);
         }
@@ -369,11 +428,6 @@ impl Tally {
             }
         }
         text
-    }
-
-    /// Counts a record that is known already.
-    pub fn repeat(&mut self) {
-        self.repeated += 1;
     }
 
     /// Counts a file and reports its faults; without `is_meant` the rod searched for was the built-in one.

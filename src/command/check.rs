@@ -1,5 +1,6 @@
 //! `tirante check`: reports every fault of a configuration at once, or prints the effective one.
 
+use super::progress::Progress;
 use crate::analysis::inference;
 use crate::config::{Config, ConfigError, RodConfig, Setting};
 use crate::site::baselines::{self, Prospect};
@@ -83,7 +84,8 @@ fn agree(rod: &RodConfig, seed: u64) -> bool {
         return true;
     }
     let tests: Vec<_> = analysis.tests.iter().map(|test| test.data.clone()).collect();
-    match inference::agreed(&analysis.prior, &analysis.discrepancy, &tests, seed) {
+    let sampling = || inference::agreed(&analysis.prior, &analysis.discrepancy, &tests, seed);
+    match Progress::during(&format!("rod {}: its tests together", analysis.rod), sampling) {
         Ok((_, doubts)) => {
             for doubt in doubts {
                 tell!("warning: rod {}: its tests hardly agree: {doubt}", analysis.rod);

@@ -1,6 +1,6 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
-use super::campaign::{self, Reading};
+use super::campaign::{self, Became, Reading};
 use super::draws::DrawsFile;
 use super::findings;
 use super::foreign::Foreign;
@@ -190,7 +190,7 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
             refused_with_tests |= matches!(tested, Some(Outcome::Rejected(_)));
             bar.suspend(|| show(args, &config, &plans, outcome))?;
         }
-        Ok(true)
+        Ok(Became::New)
     };
     let tally = campaign::run(paths, &config, &plans, &reading, others, &known, on_event)?;
     let code = campaign::conclude(tally);
@@ -234,7 +234,7 @@ fn tests_of(args: &Args, config: &Config, plans: &Arc<Plans>, plan: &Plan) -> an
                     Outcome::Tabulated(_) => {}
                 }
             }
-            Ok(true)
+            Ok(Became::New)
         };
         let tally = campaign::run(
             paths,

@@ -1,6 +1,6 @@
 //! `tirante measure`: one file to a force, a configuration and a report.
 
-use super::campaign::{self, Reading};
+use super::campaign::{self, Became, Reading};
 use super::foreign::{self, Foreign};
 use super::measure_files::Files;
 use super::progress::Progress;
@@ -162,7 +162,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 records += 1;
                 forces += usize::from(matches!(outcome.as_ref(), Outcome::Identified(_)));
                 let Some(taken) = site.take(outcome, place)? else {
-                    return Ok(false);
+                    return Ok(Became::Known);
                 };
                 let text = match args.output.is_json() {
                     true => taken.row.to_json()? + "\n",
@@ -173,7 +173,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 };
                 bar.suspend(|| io::stdout().lock().write_all(text.as_bytes()))?;
             }
-            Ok(true)
+            Ok(Became::New)
         },
     )?;
     let code = campaign::conclude(tally);

@@ -2,6 +2,8 @@
 
 use indicatif::{DecimalBytes, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Read};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
 use std::time::{Duration, Instant};
 
 /// Time before work shows a bar.
@@ -37,6 +39,28 @@ impl Progress {
             0,
             "{wide_bar} {human_pos}/{human_len} finite-element solves for the chaos, {eta} left",
         )
+    }
+
+    /// Runs work that tells no steps, with its name and its time on a line that appears after two seconds.
+    pub fn during<T>(what: &str, work: impl FnOnce() -> T) -> T {
+        if !io::stderr().is_terminal() {
+            return work();
+        }
+        let line = Self::new(0, "{spinner} {msg}, {elapsed}");
+        line.bar.set_message(what.to_owned());
+        thread::scope(|scope| {
+            let (ended, end) = mpsc::channel::<()>();
+            scope.spawn(move || {
+                if end.recv_timeout(PATIENCE) == Err(RecvTimeoutError::Timeout) {
+                    line.bar.set_draw_target(ProgressDrawTarget::stderr_with_hz(5));
+                    line.bar.enable_steady_tick(PATIENCE / 10);
+                    let _ = end.recv();
+                    line.bar.finish_and_clear();
+                }
+            });
+            let _ended = ended;
+            work()
+        })
     }
 
     /// Sets the number of steps done, of all.

@@ -2,7 +2,7 @@
 
 use super::BadArguments;
 use super::again;
-use super::campaign::{self, Reading};
+use super::campaign::{self, Became, Reading};
 use super::foreign::Foreign;
 use super::import::MessageEncoding;
 use super::progress::Progress;
@@ -170,11 +170,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let on_event =
         |analysed: &Analysed, place: Option<Position<'_>>, before: Option<[u8; 32]>, bar: &Progress| {
             let taken = site.take_event(analysed, place, before)?;
-            let (Analysed::Record(outcome), Some(Taken { row, verdict })) = (analysed, taken) else {
-                return Ok(false);
+            let (Analysed::Record(outcome), Some(taken)) = (analysed, taken) else {
+                return Ok(Became::Known);
             };
+            let (outcome, Taken { row, verdict, .. }) = (taken.outcome(outcome), &taken);
             if let Some(results) = &mut results {
-                results.add(config, outcome, &row, &verdict);
+                results.add(config, outcome, row, verdict);
             }
             bar.suspend(|| {
                 if header_due {
@@ -184,11 +185,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 let line = if args.output.is_json() {
                     row.to_json()?
                 } else {
-                    table.row(outcome, &verdict)
+                    table.row(outcome, verdict)
                 };
                 writeln!(output, "{line}")
             })?;
-            Ok(true)
+            Ok(Became::of(Some(taken)))
         };
     let tally = match from {
         Some(from) => again::run(from, plans, args.reading.workers(), &known, on_event)?,

@@ -76,7 +76,19 @@ impl Setup {
 /// # Errors
 /// As [`generation::plans`].
 pub fn plans(config: &Config) -> anyhow::Result<Plans> {
-    prepared::plans(config, solves_of)
+    sampling(has_tests(config), || prepared::plans(config, solves_of))
+}
+
+fn has_tests(config: &Config) -> bool {
+    config.rods.iter().any(|rod| !rod.analysis.tests.is_empty())
+}
+
+/// Prepares plans, with a line of progress where tests of rods are sampled for them.
+fn sampling<T>(has_tests: bool, prepare: impl FnOnce() -> T) -> T {
+    match has_tests {
+        true => Progress::during("tests of the rods together", prepare),
+        false => prepare(),
+    }
 }
 
 fn solves_of(_rod: &RodId) -> impl Fn(usize, usize) + Sync + use<> {
@@ -133,7 +145,7 @@ pub fn site(
         );
     }
     baselines::guard(&store, &config, &given_up.rods)?;
-    let generation = Generation::prepare(config, solves_of)?;
+    let generation = sampling(has_tests(&config), || Generation::prepare(config, solves_of))?;
     let name = &generation.config.site;
     let others = trackers::others_in(&store, name)?;
     if !others.is_empty() {

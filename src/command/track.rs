@@ -141,7 +141,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         };
         let outcome = Outcome::of_row(plan, row);
         waiting.passed(&rod, outcome.identity());
-        let Some(Taken { row, verdict }) = fold(&mut site, &outcome)? else {
+        let Some(Taken { row, verdict, .. }) = fold(&mut site, &outcome)? else {
             tally.known += 1;
             continue;
         };

@@ -15,6 +15,7 @@
 //! * [`emulator_cache`] fitted emulators on disk
 //! * [`hex`]            bytes as hexadecimal digits
 //! * [`text`]           text of unknown origin, fit for a line
+//! * [`motion`]         one row of a motion of several sensors
 //! * [`clock`]          the time people's requests carry
 
 pub mod analyse;
@@ -30,6 +31,8 @@ pub mod fleet;
 #[cfg(feature = "daemon")]
 pub mod found;
 pub mod hex;
+#[cfg(feature = "daemon")]
+pub mod motion;
 pub mod ordered_map;
 #[cfg(feature = "daemon")]
 pub mod pictures;

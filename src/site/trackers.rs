@@ -2,12 +2,13 @@
 
 use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
-use crate::analysis::signal::record::{Reading, RodId, Timestamp};
+use crate::analysis::signal::record::{Reading, RodId, Timestamp, is_one_motion};
 use crate::analysis::track::alarm::Board;
 use crate::analysis::track::{AlarmEvent, Kind, RodState, State, TrackPlan, Tracker, Verdict};
 use crate::site::analyse::Analysed;
 use crate::site::baselines;
 use crate::site::found::Found;
+use crate::site::motion;
 use crate::site::pictures::Pictures;
 use crate::site::prepared::Provenance;
 use crate::site::record_row::RecordRow;
@@ -40,6 +41,15 @@ pub struct Taken {
     pub row: RecordRow,
     /// Verdict of tracking.
     pub verdict: Verdict,
+    /// What it was taken as where its motion had a row already: a refusal.
+    pub late: Option<Outcome>,
+}
+
+impl Taken {
+    /// The outcome as it was taken.
+    pub fn outcome<'a>(&'a self, given: &'a Outcome) -> &'a Outcome {
+        self.late.as_ref().unwrap_or(given)
+    }
 }
 
 /// Interval between snapshots of records \[s\].
@@ -286,12 +296,20 @@ impl Site {
         position: Option<Position<'_>>,
     ) -> Result<Option<Taken>, StoreError> {
         let rod = outcome.rod();
-        let (Some(input), Some(identity)) = (outcome.input(), outcome.identity()) else {
+        let Some(identity) = outcome.identity() else {
             return Ok(None);
         };
         if self.store.known(rod, &identity) {
             return Ok(None);
         }
+        let late = match self.has_row(outcome)? {
+            true => Some(motion::late(outcome)),
+            false => None,
+        };
+        let outcome = late.as_ref().unwrap_or(outcome);
+        let Some(input) = outcome.input() else {
+            return Ok(None);
+        };
         self.do_as_asked(rod)?;
         let before = self.trackers.get(rod).and_then(|tracker| tracker.state().latest);
         let Some(verdict) = Tracker::step_among(&mut self.trackers, rod, &input) else {
@@ -348,7 +366,18 @@ impl Site {
             source: position,
             ..Commit::default()
         })?;
-        Ok(Some(Taken { row, verdict }))
+        Ok(Some(Taken { row, verdict, late }))
+    }
+
+    /// True if the motion of a rod with several sensors has a row.
+    fn has_row(&self, outcome: &Outcome) -> Result<bool, StoreError> {
+        let Some(span) = motion::span(outcome) else {
+            return Ok(false);
+        };
+        let known = self
+            .store
+            .spans_before(outcome.rod(), span.0.plus_seconds(span.1))?;
+        Ok(known.into_iter().any(|known| is_one_motion(known, span)))
     }
 
     /// Takes the result of an event and makes it durable; `before` is the record of its rod that passed

@@ -760,3 +760,21 @@ fn a_key_without_effect_names_what_would_give_it_one() {
         "{found:?}"
     );
 }
+
+#[test]
+fn silence_is_longer_than_the_wait_for_a_sensor() {
+    let with = |sensor: &str, silence_h: f64| {
+        format!("{MINIMAL}\n{sensor}[track]\nreorder_window_h = 2.0\n[alarm]\nsilence_h = {silence_h:?}\n")
+    };
+    let second = "at = 0.4\n[[rod.sensor]]\ntopic = \"/rod-1/second\"\nat = 0.1\n";
+    let found = messages(&with(second, 2.0));
+    assert!(
+        found.len() == 1
+            && found[0].contains("silence_h = 2 is not longer than the 2 h")
+            && found[0].contains("rod-1"),
+        "{found:?}"
+    );
+    good(&with(second, 2.1));
+    // Of one sensor nothing is waited for.
+    good(&with("", 2.0));
+}

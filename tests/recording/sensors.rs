@@ -9,11 +9,13 @@ use rand::RngExt;
 use serde_json::Value;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 use tirante::analysis::numerics::random;
-use tirante::analysis::signal::record::{RodId, Timestamp};
+use tirante::analysis::signal::record::{Event, RodId, Timestamp};
 use tirante::config::Config;
+use tirante::recording::read::{self, Recordings, Step};
 use tirante::site::store::Reader;
 
 const START: &str = "2026-03-01T00:00:00Z";
@@ -253,6 +255,84 @@ fn what_comes_when_its_moment_has_closed_is_refused_by_name() {
         );
     }
     assert!(said.contains("late-sensor"), "{said}");
+}
+
+#[test]
+fn every_event_names_the_file_of_its_last_sample() {
+    let (site, messages) = site(12);
+    let config = Config::load(&site.path("site.toml")).unwrap();
+    // The second sensor dies in the first file: what waits for it is complete in the second.
+    let messages = without(&messages, "/a/2", 3.0 * INTERVAL_S);
+    let split_s = 6.5 * INTERVAL_S;
+    for (name, is_second) in [("first.mcap", false), ("second.mcap", true)] {
+        let own = messages
+            .iter()
+            .filter(|message| (seconds(message) >= split_s) == is_second);
+        write(&site.path(name), own, Some(1 << 20));
+    }
+    let start = Timestamp::as_written(START).unwrap();
+    let channels = config.rods.iter().map(|rod| rod.channels.clone()).collect();
+    let paths = [site.path("first.mcap"), site.path("second.mcap")];
+    let files = read::recordings(&paths);
+    let (mut seen, mut waited) = (0, 0);
+    for step in Recordings::new(files, channels, config.record, false, Arc::default()) {
+        let Step::Event(event @ Event::Moment(_), place) = step else {
+            continue;
+        };
+        let Some(begins) = event.record().map(|record| record.start) else {
+            continue;
+        };
+        let expected = match begins.seconds_since(start) < split_s {
+            true => "first.mcap",
+            false => "second.mcap",
+        };
+        assert!(place.origin.ends_with(expected), "{begins}: {}", place.origin);
+        seen += 1;
+        waited += usize::from(place.origin != place.file);
+    }
+    assert!(seen == 12 && waited >= 3, "{seen} {waited}");
+}
+
+/// A file of each sensor, in two runs or in one that cannot read them side by side: a motion has one row.
+#[test]
+fn files_of_one_sensor_each_never_make_two_rows_of_a_motion() {
+    let (site, messages) = site(8);
+    for (name, other) in [("first", "/a/2"), ("second", "/a")] {
+        let rest = without(&messages, other, 0.0);
+        let own = rest
+            .iter()
+            .filter(|message| name == "first" || message.channel.topic == "/a/2");
+        write(&site.path(&format!("{name}.mcap")), own, Some(1 << 20));
+    }
+    let counted = |rows: &[Value]| {
+        let late = rows
+            .iter()
+            .filter(|row| row["rejection"]["code"] == "late-sensor");
+        (rows.len(), late.count())
+    };
+    let (rows, said, code, _) = replayed(&site, &[site.path("first.mcap")], "two.db");
+    assert_eq!((counted(&rows), code), ((8, 0), 3), "{said}");
+    let (rows, said, code, _) = replayed(&site, &[site.path("second.mcap")], "two.db");
+    assert_eq!((counted(&rows), code), ((8, 8), 3), "{said}");
+    assert_eq!(names(&rows[0], "left_out"), ["/a/2"]);
+    let listed = text(
+        &site
+            .run(&["history", "--store", "two.db", "--rod", "a", "--format", "json"])
+            .stdout,
+    );
+    let used = lines(listed.as_bytes())
+        .into_iter()
+        .filter(|row| row["axial_force_n"].is_object());
+    assert_eq!(used.count(), 8);
+    // The thermometer is in both: such files are read one after the other.
+    for (name, other) in [("c", "/a/2"), ("d", "/a")] {
+        let own = without(&messages, other, 0.0);
+        let own = own.iter().filter(|message| message.channel.topic != "/b");
+        write(&site.path(&format!("{name}.mcap")), own, Some(1 << 20));
+    }
+    let (rows, said, code, _) = replayed(&site, &[site.path("c.mcap"), site.path("d.mcap")], "one.db");
+    assert_eq!((counted(&rows), code), ((16, 8), 3), "{said}");
+    assert!(said.contains("8 late-sensor"), "{said}");
 }
 
 /// Records in the daemon's store.

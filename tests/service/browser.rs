@@ -573,3 +573,46 @@ fn a_force_in_doubt_bears_its_mark_on_every_page() {
          return cell?.textContent.startsWith('! ') === true && rows[0].textContent.includes('hardly in the prior')",
     );
 }
+
+/// What a record of several sensors owes to whom, as the API says it; a rod with one sensor shows nothing of the kind.
+#[test]
+fn a_record_names_its_sensors_and_those_left_out() {
+    let second =
+        "[[rod.sensor]]\ntopic = \"/north/2\"\nfield = \"values\"\nunit = \"m\"\nfs_hz = 100.0\nat = 0.15\n";
+    let topic = "topic = \"/north\"\n";
+    assert!(SITE.contains(topic) && SITE.contains("[rod.temperature]"));
+    let several = SITE.replacen(topic, &format!("{topic}at = 0.4\n"), 1).replacen(
+        "[rod.temperature]",
+        &format!("{second}[rod.temperature]"),
+        1,
+    );
+    let site = Site::new(SITE);
+    site.simulate("first", &Part::new(0, 3));
+    std::fs::write(site.path("site.toml"), several).unwrap();
+    site.replay(&["archive/first.mcap"], "site.db");
+    let server = Server::of(&site, "site.db");
+    let told = &server.get("/api/v1/rods/north/records?limit=1")["records"][0]["sensors"];
+    let why = told["left_out"][0]["why"].as_str().unwrap();
+    assert_eq!(
+        (&told["used"], &told["left_out"][0]["sensor"]),
+        (&json!(["/north"]), &json!("/north/2"))
+    );
+    let Some(browser) = Browser::start(1280, 900, false) else {
+        return;
+    };
+    browser.open(&server, "/rod?id=north");
+    let expected = json!(["by /north", format!("without /north/2: {why}")]);
+    browser.wait(
+        "the sensors",
+        &format!(
+            "const row = document.querySelector('tr[data-start]');
+             const told = [...row?.querySelectorAll('small.sensors') ?? []].map((one) => one.textContent);
+             return JSON.stringify(told) === JSON.stringify({expected})"
+        ),
+    );
+    browser.open(&server, "/rod?id=south");
+    browser.wait(
+        "the other rod",
+        "return document.querySelectorAll('tr[data-start]').length > 0 && document.querySelectorAll('small.sensors').length === 0",
+    );
+}

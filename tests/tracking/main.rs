@@ -8,5 +8,6 @@ mod alternatives;
 mod losses;
 mod months;
 mod relative;
+mod tested;
 mod tracking_coverage;
 mod tracking_trouble;

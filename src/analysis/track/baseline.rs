@@ -6,6 +6,7 @@ pub(super) mod particles;
 use super::baseline::levels::{Column, LEAST_LOG_SD, Slopes, Square};
 use super::baseline::particles::{Population, Target};
 use super::observation::Observation;
+use crate::inference::joint::{Datum, Joint, JointError, JointSettings};
 use crate::numerics::random;
 use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
 use crate::rod::prior::RodPrior;
@@ -21,6 +22,10 @@ const ROUGH: f64 = 0.01;
 
 /// Half the interval of ln N over which a slope's derivative is taken.
 const BEND: f64 = 0.05;
+
+/// Least standard error of a mean frequency beside tests, as a share of the model's discrepancy: it widens their sum by half a per cent,
+/// and the posterior is no thread that no sampler follows.
+const SHARP: f64 = 0.1;
 
 /// The mean log-frequency of one mode over the baseline.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -70,6 +75,9 @@ pub enum BaselineFault {
     /// No parameters of the rod give such frequencies.
     #[error("no rod the prior allows has these frequencies")]
     NoParticle,
+    /// No rod has these frequencies and the results of its tests, or none was found.
+    #[error("the rod's tests are left out of the baseline, because with its mean frequencies {0}")]
+    Tests(#[from] JointError),
 }
 
 impl Baseline {
@@ -144,6 +152,50 @@ impl Baseline {
             rms,
             misfit,
         })
+    }
+
+    /// The same baseline with particles of the posterior given tests of the rod too, moment by moment: every moment has its own
+    /// force, everything else and the model's discrepancy b_n are those of the baseline. Without tests nothing changes.
+    ///
+    /// # Errors
+    /// Tests and mean frequencies that contradict each other, or whose posterior is too thin to be sampled.
+    pub fn after(
+        &self,
+        tests: &[Vec<Datum>],
+        prior: &RodPrior,
+        discrepancy: &[f64],
+        seed: u64,
+    ) -> Result<Self, BaselineFault> {
+        let mut tested = self.clone();
+        if tests.is_empty() {
+            return Ok(tested);
+        }
+        let now = self.modes.iter().map(|mode| {
+            let frequency_hz = libm::exp(mode.log_frequency);
+            let log_sd = mode
+                .log_sd
+                .max(LEAST_LOG_SD)
+                .max(SHARP * stated(discrepancy, mode.order));
+            Datum::frequency(mode.order, frequency_hz, frequency_hz * log_sd)
+        });
+        let mut moments = vec![now.collect()];
+        moments.extend_from_slice(tests);
+        let joint = Joint {
+            prior,
+            discrepancy,
+            moments: &moments,
+            settings: JointSettings::default(),
+        };
+        let found = joint.posterior_alone(seed)?.posterior;
+        let width = prior.parameterisation().len();
+        let mut generator = random::stream(random::seed(&[b"tested", &seed.to_le_bytes()]), 0);
+        let count = self.particles.len() / width;
+        tested.particles = random::systematic(&found.weights, count, &mut generator)
+            .into_iter()
+            .flat_map(|row| &found.particles[row * width..][..width])
+            .copied()
+            .collect();
+        Ok(tested)
     }
 }
 

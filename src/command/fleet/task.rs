@@ -1,7 +1,7 @@
 //! `tirante fleet task`: one site of a plan, as a task of any batch scheduler.
 
 use super::super::again;
-use super::super::campaign::{self, Reading, Tally};
+use super::super::campaign::{self, Became, Reading, Tally};
 use super::super::foreign::Foreign;
 use super::super::progress::Progress;
 use super::super::setup::{self, GivenUp, Prepared};
@@ -205,7 +205,7 @@ fn analyse(task: &Task, work: &Path, threads: Option<u16>) -> anyhow::Result<Tal
             if let (Some(taken), Analysed::Record(_)) = (&taken, analysed) {
                 log.record(&taken.row.rod, taken.row.start, bar);
             }
-            Ok(taken.is_some())
+            Ok(Became::of(taken))
         };
     let reading = Reading {
         threads,

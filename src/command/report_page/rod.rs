@@ -193,7 +193,7 @@ fn remarks(html: &mut Markup, rod: &RodReport) {
         });
     };
     if let Some(fault) = rod.segment().and_then(|segment| segment.fault.as_ref()) {
-        calm(format!("The last attempt to learn a baseline failed: {fault}."));
+        calm(format!("The last attempt to learn a baseline: {fault}."));
     }
     if rod
         .last_used()

@@ -206,7 +206,7 @@ impl Core {
                 Done::Event(Analysed::Record(outcome), place) => match taken {
                     None => (self.notify)(Notice::Known(outcome.rod())),
                     Some(taken) => {
-                        self.record(outcome, place, taken, took);
+                        self.record(taken.outcome(outcome), place, taken, took);
                         has_news |= !taken.verdict.events.is_empty();
                     }
                 },

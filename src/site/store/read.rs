@@ -167,6 +167,25 @@ impl Reader {
         ask().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
+    /// Start and length \[s\] of the latest of a rod's identified records that begin before `end`.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn spans_before(&self, rod: &RodId, end: Timestamp) -> Result<Vec<(Timestamp, f64)>, StoreError> {
+        let ask = || -> rusqlite::Result<Vec<(Timestamp, f64)>> {
+            self.connection
+                .prepare_cached(
+                    "SELECT start_ns, duration_s FROM record WHERE rod = ? AND start_ns < ? AND rejection IS NULL \
+                     AND duration_s IS NOT NULL ORDER BY start_ns DESC LIMIT 64",
+                )?
+                .query_map((&rod.0, end.as_nanos()), |row| {
+                    Ok((Timestamp::from_nanos(row.get(0)?), row.get(1)?))
+                })?
+                .collect()
+        };
+        ask().map_err(|error| self.fault(Failure::Sql(error)))
+    }
+
     /// Waiting requests about a rod, in the order they were made.
     ///
     /// # Errors

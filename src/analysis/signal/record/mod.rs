@@ -21,7 +21,7 @@ mod unit;
 pub use assembler::{Assembler, Event};
 pub use channel::{Beside, Channel, RodChannels, TimeSource};
 pub use envelope::Envelope;
-pub use moments::{Moment, Moments};
+pub use moments::{Moment, Moments, is_one_motion};
 pub use rejection::{Flag, Rejection};
 pub use settings::{Cut, RecordSettings};
 pub use temperature::Reading;

@@ -16,6 +16,15 @@ const REMEMBERED: usize = 4096;
 /// Most events of a sensor that wait: beyond, a moment closes as it is. Only a clock that stands still brings so many about.
 const WAITING: usize = 1024;
 
+/// True if two records are of one motion, each given by its start and length \[s\].
+pub fn is_one_motion(a: (Timestamp, f64), b: (Timestamp, f64)) -> bool {
+    let span = |(start, duration_s): (Timestamp, f64)| Span {
+        start,
+        end: start.plus_seconds(duration_s),
+    };
+    span(a).common_s(span(b)).is_some()
+}
+
 /// One moment of a rod with several sensors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moment {

@@ -222,7 +222,7 @@ pub enum Rejection {
     /// It came when the moment of the rod's other sensors had closed without it.
     #[error(
         "came when the moment of the rod's other sensors had closed without it: this sensor was more than reorder_window_h (a minute at \
-         least) behind them; send the sensors of a rod side by side"
+         least) behind them, or is in a file of its own; send the sensors of a rod side by side, or write them into one recording"
     )]
     LateSensor,
     /// Tests of the rod that give no posterior together with the record.

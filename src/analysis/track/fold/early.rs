@@ -184,7 +184,7 @@ impl Tracker {
             return;
         }
         if self.state.early.is_none() {
-            let Ok(baseline) = self.plan.learn(&self.state.learning[..RECORDS], segment) else {
+            let Ok((baseline, _)) = self.plan.learn(&self.state.learning[..RECORDS], segment) else {
                 return;
             };
             self.state.early = Some(EarlyWatch::new(baseline));

@@ -258,8 +258,8 @@ impl Tracker {
             return;
         }
         match self.plan.learn(&state.learning[..wanted], state.segment.number) {
-            Ok(baseline) => {
-                state.segment.fault = None;
+            Ok((baseline, left_out)) => {
+                state.segment.fault = left_out.map(|fault| fault.to_string());
                 state.segment.reference_c = self
                     .plan
                     .track

@@ -2,6 +2,7 @@
 
 use super::state::State;
 use crate::identify::{AnalysisSettings, Plan};
+use crate::inference::joint::Datum;
 use crate::numerics::random;
 use crate::rod::beam::forward::ForwardModel;
 use crate::rod::prior::RodPrior;
@@ -32,6 +33,8 @@ pub struct TrackPlan {
     prior: RodPrior,
     model: Arc<dyn ForwardModel>,
     discrepancy: Vec<f64>,
+    /// Data of the rod's tests, moment by moment.
+    tests: Vec<Vec<Datum>>,
     key: String,
     seed: u64,
 }
@@ -62,6 +65,7 @@ impl TrackPlan {
             prior: analysis.prior.clone(),
             model,
             discrepancy,
+            tests: analysis.tests.iter().map(|test| test.data.clone()).collect(),
             key,
             seed: analysis.seed,
         }
@@ -102,22 +106,29 @@ impl TrackPlan {
         self.track.temperature == TemperatureUse::Compensate
     }
 
-    /// The baseline of a segment from its first observations.
+    /// The baseline of a segment from its first observations, with the reason why the rod's tests are left out of it, if they are: a rod that
+    /// they contradict is watched without them.
     pub(crate) fn learn(
         &self,
         observations: &[Observation],
         segment: u32,
-    ) -> Result<Baseline, BaselineFault> {
+    ) -> Result<(Baseline, Option<BaselineFault>), BaselineFault> {
         let first = observations.first().map(|first| first.start);
         let seed = self.seed_of(b"baseline", segment, first);
         let (prior, model) = (&self.prior, self.model.as_ref());
-        Baseline::learn(
+        let baseline = Baseline::learn(
             observations,
             prior,
             model,
             &self.discrepancy,
             self.track.particles,
             seed,
+        )?;
+        Ok(
+            match baseline.after(&self.tests, prior, &self.discrepancy, seed) {
+                Ok(tested) => (tested, None),
+                Err(fault) => (baseline, Some(fault)),
+            },
         )
     }
 

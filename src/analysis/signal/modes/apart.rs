@@ -14,16 +14,15 @@ const LEAST_WHITENED: f64 = 100.0;
 
 impl Stretch<'_> {
     /// Resonances of all fits: a fit of two close modes becomes two resonances, and wider errors where that
-    /// remains open. `fits` ascend in frequency; `beside` are resonances that are not judged.
-    pub fn apart(&self, fits: &[Fit], beside: &[Fit]) -> Vec<Resonance> {
+    /// remains open. `fits` ascend in frequency.
+    pub fn apart(&self, fits: &[Fit]) -> Vec<Resonance> {
         let mut found: Vec<Resonance> = Vec::new();
         let mut n = 0;
         while n < fits.len() {
             let fit = &fits[n];
             let next = fits.get(n + 1).filter(|next| touch(fit, next));
             let taken = 1 + usize::from(next.is_some());
-            let others = fits[..n].iter().chain(&fits[n + taken..]).chain(beside);
-            let others: Vec<Fit> = others.copied().collect();
+            let others: Vec<Fit> = fits[..n].iter().chain(&fits[n + taken..]).copied().collect();
             match self.pair(fit, next, &others) {
                 Pair::Two(members, share) => {
                     found.extend(next.map_or_else(

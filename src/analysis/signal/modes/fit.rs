@@ -180,7 +180,7 @@ impl Stretch<'_> {
         let least = LEAST_LINES / self.coefficients.duration_s;
         let (low, high) = (f - below_hz.max(least), f + above_hz.max(least));
         let (low, high) = (low.max(limits.0), high.min(limits.1));
-        if self.is_masked((low, high), f) {
+        if self.masks.iter().any(|m| m.low_hz < high && m.high_hz > low) {
             return None;
         }
         Subband::of(
@@ -191,18 +191,6 @@ impl Stretch<'_> {
             |f| others.iter().map(|other| pull(other, f)).sum::<Complex<f64>>() + smooth(f),
             gain,
         )
-    }
-
-    /// Masks that a peak does not lie in. One in a mask is fitted with its own lines, since its skirts reach beyond.
-    pub(super) fn masks_beside(&self, peak_hz: f64) -> Vec<Mask> {
-        let beside = self.masks.iter().filter(|mask| !mask.contains(peak_hz));
-        beside.copied().collect()
-    }
-
-    /// True if a mask that a peak does not lie in covers part of a band.
-    pub(super) fn is_masked(&self, (low_hz, high_hz): (f64, f64), peak_hz: f64) -> bool {
-        let mut masks = self.masks.iter();
-        masks.any(|mask| mask.low_hz < high_hz && mask.high_hz > low_hz && !mask.contains(peak_hz))
     }
 
     /// True if a peak at `frequency_hz` is part of a resonance already fitted.

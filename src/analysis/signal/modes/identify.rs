@@ -11,6 +11,8 @@ use crate::signal::spectrum::{
 };
 
 /// Fewest periods of a frequency in a record for it to be searched.
+/// Half-power half-width in lines of the record below which a masked peak counts as a tone.
+const TONE_LINES: f64 = 0.4;
 const LEAST_PERIODS: f64 = 15.0;
 /// Least probability of an assignment that shows the rod to be in view.
 const LIKELY: f64 = 0.1;
@@ -228,17 +230,39 @@ impl PeakSearch {
                 self.add_decay_peaks(&mut peaks, record.fs_hz, decay, stretch_s, (low_hz, high_hz));
             }
         }
-        let search = Search {
-            masks: &self.masks,
+        let search = |masks| Search {
+            masks,
             line_hz: spectrum.df_hz,
             parts: &parts,
         };
-        let refined = refine(&self.transforms, record, &peaks, &search);
+        let mut refined = refine(&self.transforms, record, &peaks, &search(&[]));
+        let left_out = self.left_out(&refined.resonances, record.duration_s());
+        if !left_out.is_empty() {
+            peaks.retain(|peak| !left_out.iter().any(|mask| mask.contains(peak.frequency_hz)));
+            refined = refine(&self.transforms, record, &peaks, &search(&left_out));
+        }
+        let is_masked = |r: &Resonance| self.masks.iter().any(|mask| mask.contains(r.frequency_hz));
+        refined.resonances.retain(|r| !is_masked(r));
         Ok(Evidence {
             spectrum,
             resonances: refined.resonances,
             motion: refined.motion,
         })
+    }
+
+    /// Masks whose lines are left out of every fit: those without a resonance. The skirts of one reach beyond its mask, and its
+    /// neighbours are right only beside its own fit.
+    fn left_out(&self, resonances: &[Resonance], duration_s: f64) -> Vec<Mask> {
+        let is_wide = |r: &&Resonance| !r.line && r.damping * r.frequency_hz * duration_s > TONE_LINES;
+        let holds_one = |mask: &&Mask| {
+            let mut wide = resonances.iter().filter(is_wide);
+            wide.any(|r| mask.contains(r.frequency_hz))
+        };
+        self.masks
+            .iter()
+            .filter(|mask| !holds_one(mask))
+            .copied()
+            .collect()
     }
 
     /// Welch's method with the plan's window and overlap.

@@ -91,7 +91,7 @@ impl Stretch<'_> {
         let limits = self.limits(peak_hz, others);
         let half = (HALF_WIDTHS * FIRST_DAMPING * peak_hz).max(LEAST_LINES / self.coefficients.duration_s);
         let (low, high) = ((peak_hz - half).max(limits.0), (peak_hz + half).min(limits.1));
-        if self.is_masked((low, high), peak_hz) {
+        if self.masks.iter().any(|m| m.low_hz < high && m.high_hz > low) {
             return false;
         }
         let pole = Pole {
@@ -155,9 +155,7 @@ impl Stretch<'_> {
             false => CELL * (f - centre).abs().max(core),
             true => 0.0,
         };
-        let mut band = self
-            .coefficients
-            .band(low, high, &self.masks_beside(centre), width);
+        let mut band = self.coefficients.band(low, high, self.masks, width);
         let level = level.unwrap_or_else(|| band.quiet_level());
         for other in others {
             subtract(&mut band, other, level);

@@ -71,28 +71,14 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
         })
         .collect();
     let places = stretch.places(&aims);
-    // What is masked is fitted for the sake of its neighbours alone.
-    let is_masked = |aim: &Aim| search.masks.iter().any(|mask| mask.contains(aim.peak_hz));
-    let believed: Vec<bool> = aims.iter().map(|aim| !is_masked(aim)).collect();
-    let first = places
-        .iter()
-        .zip(&believed)
-        .filter(|(_, is_believed)| **is_believed);
-    let first: Vec<Fit> = first.filter_map(|(place, _)| Some(place.as_ref()?.fit)).collect();
+    let first: Vec<Fit> = places.iter().flatten().map(|place| place.fit).collect();
     let weak = match record.excitation {
         None => work.blows(&stretch, &first),
         Some(_) => Vec::new(),
     };
     let mut whole = stretch.with_errors(&places);
     // Only fits with their errors are classified as mode or tone.
-    let of_believed = |whole: &[Option<Fit>], wanted: bool| -> Vec<Fit> {
-        let fits = whole
-            .iter()
-            .zip(&believed)
-            .filter(|(_, is_believed)| **is_believed == wanted);
-        fits.filter_map(|(fit, _)| *fit).collect()
-    };
-    let judged = of_believed(&whole, true);
+    let judged: Vec<Fit> = whole.iter().flatten().copied().collect();
     let parts = work.parts(&weak);
     let mut fits: Vec<Vec<Fit>> = vec![Vec::new(); aims.len()];
     if record.excitation.is_none() && (parts.len() > 1 || parts.first() != Some(&main)) {
@@ -118,18 +104,9 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
     }
     let in_parts = !fits.iter().all(Vec::is_empty);
     let scale = if in_parts {
-        let believed = fits
-            .iter()
-            .zip(&believed)
-            .filter(|(_, is_believed)| **is_believed);
-        Scale::of(
-            believed
-                .flat_map(|(fits, _)| fits)
-                .filter_map(|fit| fit.softening.as_ref()),
-        )
+        Scale::of(fits.iter().flatten().filter_map(|fit| fit.softening.as_ref()))
     } else {
-        let believed = of_believed(&whole, true);
-        Scale::of(believed.iter().filter_map(|fit| fit.softening.as_ref()))
+        Scale::of(whole.iter().flatten().filter_map(|fit| fit.softening.as_ref()))
     };
     for fit in whole.iter_mut().flatten().chain(fits.iter_mut().flatten()) {
         scale.settle(fit);
@@ -138,16 +115,14 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
         fit.resonance.frequency_sd_hz = fit.resonance.frequency_sd_hz.hypot(fit.shared_sd_hz);
     }
     let found: Vec<Resonance> = if !in_parts {
-        let [mut found, masked] = [true, false].map(|wanted| of_believed(&whole, wanted));
-        found.sort_by(|a, b| a.resonance.frequency_hz.total_cmp(&b.resonance.frequency_hz));
-        stretch.apart(&found, &masked)
+        let mut whole: Vec<Fit> = whole.into_iter().flatten().collect();
+        whole.sort_by(|a, b| a.resonance.frequency_hz.total_cmp(&b.resonance.frequency_hz));
+        stretch.apart(&whole)
     } else {
         whole
             .iter()
             .zip(&fits)
-            .zip(&believed)
-            .filter(|(_, is_believed)| **is_believed)
-            .filter_map(|((whole, parts), _)| Some(combined(&(*whole)?, parts)))
+            .filter_map(|(whole, parts)| Some(combined(&(*whole)?, parts)))
             .collect()
     };
     let mut resonances: Vec<Resonance> = found

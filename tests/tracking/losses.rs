@@ -1,7 +1,12 @@
 //! Large losses, and changes after a change, where temperature or baseline are missing or wrong: what is told, and what stays told.
 
 use crate::scenario::{DAY_S, Scenario, raised, told};
-use tirante::analysis::track::{Kind, Observation, Verdict, What};
+use rand::RngExt;
+use tirante::analysis::lab::synthesis::FrequencyErrors;
+use tirante::analysis::numerics::random;
+use tirante::analysis::rod::beam::Exact;
+use tirante::analysis::rod::beam::forward::ForwardModel;
+use tirante::analysis::track::{Kind, Observation, Verdict, What, alternatives};
 
 /// A rod restrained by this share of what stiff walls do.
 fn restrained(days: usize, restraint: f64) -> Scenario {
@@ -147,5 +152,64 @@ fn a_drift_that_grows_after_it_was_acknowledged_is_told_anew() {
     for repeat in repeats {
         let size = repeat.alarm.change.as_ref().expect("a drift has a size").size;
         assert!((-0.09..-0.05).contains(&size.mean), "{size:?}");
+    }
+}
+
+/// Probabilities of a change of force that the alarms of a restrained rod state through a season: on day 100 it loses a share of its
+/// force, and its modes shift by so much besides. Its modes' errors differ from day to day.
+fn force_through_a_season(seed: u64, loss: f64, shifts: [f64; 3]) -> Vec<f64> {
+    let errors = FrequencyErrors {
+        log_sd: 3e-4,
+        ..restrained(0, 0.9).errors
+    };
+    let scenario = Scenario {
+        errors,
+        ..restrained(220, 0.9).step(100.5, -loss)
+    };
+    let mut observations = scenario.observations(310 + seed);
+    let mut generator = random::stream(310 + seed, 1);
+    for (day, observation) in observations.iter_mut().enumerate() {
+        for (mode, shift) in observation.modes.iter_mut().zip(shifts) {
+            mode.log_frequency += if day > 100 { shift } else { 0.0 };
+            // Stated on the safe side, by up to three times.
+            mode.log_sd *= generator.random_range(1.0..3.0);
+        }
+    }
+    let (_, verdicts) = scenario.follow(&observations);
+    let alarms = verdicts.iter().flat_map(|verdict| &verdict.alarms);
+    let explained = alarms.filter_map(|alarm| alarm.alternatives.as_ref());
+    explained
+        .map(|one| one.probability(alternatives::Kind::Force))
+        .collect()
+}
+
+/// Modes whose errors differ weigh the days of a season differently, and the force moves by a tenth meanwhile: that is no pattern of
+/// another kind of change.
+#[test]
+fn a_loss_of_a_restrained_rod_stays_one_of_force_through_a_season() {
+    for seed in 0..6 {
+        let told = force_through_a_season(seed, 0.04, [0.0; 3]);
+        let least = told.iter().copied().fold(f64::NAN, f64::min);
+        assert!(least > 1.0 / 21.0, "{seed}: {told:?}");
+    }
+}
+
+#[test]
+fn mass_or_loose_supports_of_a_restrained_rod_do_not_become_force_through_a_season() {
+    let scenario = restrained(1, 0.9);
+    let prior = &scenario.analysis.prior;
+    let exact = Exact::new(*prior.parameterisation());
+    let (mut tight, mut loose) = ([0.0; 3], [0.0; 3]);
+    let mut theta = prior.centre();
+    exact.frequencies(&theta, &mut tight).expect("a taut rod");
+    theta[4..6].iter_mut().for_each(|spring| *spring *= 0.2);
+    exact.frequencies(&theta, &mut loose).expect("a taut rod");
+    let loosened = std::array::from_fn(|n| (loose[n] / tight[n]).ln());
+    for shifts in [loosened, [-0.015; 3]] {
+        for seed in 0..3 {
+            let told = force_through_a_season(seed, 0.0, shifts);
+            let most = told.iter().copied().fold(f64::NAN, f64::max);
+            assert!(most < 20.0 / 21.0, "{shifts:?} {seed}: {told:?}");
+        }
     }
 }

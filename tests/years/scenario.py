@@ -44,9 +44,14 @@ class Change:
     # Sudden change of force, and its rate per year, as shares of N_0.
     step: float = 0.0
     per_year: float = 0.0
-    # Factors on both springs and on the mass per length.
+    # Factors on both springs, on the mass per length and on the modulus.
     springs: float = 1.0
     mass: float = 1.0
+    modulus: float = 1.0
+
+    @property
+    def is_axial(self):
+        return (self.springs, self.mass, self.modulus) == (1.0, 1.0, 1.0)
 
     def at(self, days):
         """The change of force at these days."""
@@ -199,7 +204,7 @@ BASES = (
 def event(name, moment=0.5):
     """What `name` says happens to the first rod at this share of its day, and the days that are followed."""
     sudden = {"days": SUDDEN_DAYS}
-    for word, per_cent in (("loss", -0.01), ("early", -0.01), ("long", -0.01), ("springs", -0.01), ("mass", 0.01)):
+    for word, per_cent in (("loss", -0.01), ("early", -0.01), ("long", -0.01), ("springs", -0.01), ("mass", 0.01), ("modulus", -0.01)):
         if not name.startswith(word):
             continue
         size = per_cent * float(name[len(word) :])
@@ -214,11 +219,13 @@ def event(name, moment=0.5):
             return Change(day=CHANGE_DAY + moment, springs=1 + size), sudden
         if word == "mass":
             return Change(day=CHANGE_DAY + moment, mass=1 + size), sudden
+        if word == "modulus":
+            return Change(day=CHANGE_DAY + moment, modulus=1 + size), sudden
     if name.startswith("first"):
         return Change(day=CHANGE_DAY + moment, per_year=-0.01 * float(name[5:])), {"days": DAYS}
     if name.startswith("late"):
         return Change(day=DAYS - 2 + moment, per_year=-0.01 * float(name[4:])), {"days": DAYS + 220}
-    raise ValueError(f"nothing called {name} happens: loss3, early3, long3, first2, late2, springs20, mass1")
+    raise ValueError(f"nothing called {name} happens: loss3, early3, long3, first2, late2, springs20, mass1, modulus3")
 
 
 def world(name, rng, count):

@@ -153,11 +153,12 @@ class Site:
         rod = self.rods[number]
         table = tabulate(rod.beam, self.modes)
         logs = log_frequencies(table, ratio)
-        if world.changes and number == 0 and (world.change.springs, world.change.mass) != (1.0, 1.0):
+        if world.changes and number == 0 and not world.change.is_axial:
             other = replace(
                 rod.beam,
                 springs_n_m=tuple(world.change.springs * spring for spring in rod.beam.springs_n_m),
                 mass_per_length_kg_m=world.change.mass * rod.beam.mass_per_length_kg_m,
+                flexural_rigidity_n_m2=world.change.modulus * rod.beam.flexural_rigidity_n_m2,
             )
             changed = log_frequencies(tabulate(other, self.modes), ratio)
             logs = np.where((days >= world.change.day)[:, None], changed, logs)

@@ -35,8 +35,10 @@ class Rod:
     # The same as last told, weeks later; and the width of both intervals [days].
     onset_held_late: bool = None
     onset_widths: tuple = ()
-    # Whether a drift says plainly that the axial force changed.
+    # Whether a drift says plainly that the axial force changed; whether an alarm says that it is not the force alone; whether any weighed it.
     claims_force: bool = False
+    denies_force: bool = False
+    weighed: bool = False
     state: str = ""
     alarms: tuple = ()
     # Days the figure shown at the end is behind the last record, and its error; None without a figure.
@@ -76,7 +78,10 @@ def judge(site, index, lines):
             for event in line["events"]:
                 if event["what"] == "raised":
                     verdict.raised.setdefault(event["kind"], []).append((day, day_of(start, event["time"])))
-            verdict.claims_force |= changes and day >= world.change.day and any(map(claims_force, line["alarms"]))
+            if day >= (world.change.day if changes else CHARTED[0]):
+                verdict.claims_force |= any(map(claims_force, line["alarms"]))
+                verdict.denies_force |= any(map(denies_force, line["alarms"]))
+                verdict.weighed |= any(alarm.get("alternatives") for alarm in line["alarms"])
             if any(is_confirmed(alarm) for alarm in line["alarms"]):
                 verdict.confirmed.append(day)
         shown = [(day, line) for day, line in own if line.get("relative_force_at_reference")]
@@ -93,7 +98,7 @@ def judge(site, index, lines):
             verdict.alarms = tuple(sorted({alarm["kind"] for alarm in last["alarms"] if not alarm["cleared"]}))
             if shown:
                 verdict.stale = last_day - shown[-1][0]
-        if changes and world.change.springs == 1.0 and world.change.mass == 1.0:
+        if changes and world.change.is_axial:
             look_at_change(site, number, own, verdict)
         found.append(verdict)
     return found
@@ -107,6 +112,12 @@ def is_confirmed(alarm):
 def claims_force(alarm):
     """Whether a drift names the axial force and nothing else that could be the cause."""
     return alarm["kind"] == "drift" and alarm["message"].startswith("the axial force")
+
+
+def denies_force(alarm):
+    """Whether the odds of an alarm are 20:1 or more against the axial force alone."""
+    kinds = (alarm.get("alternatives") or {}).get("kinds", [])
+    return any(one["kind"] == "force" and one["probability"] <= 1 / 21 for one in kinds)
 
 
 def truth(site, number, day, reference_c):
@@ -147,8 +158,9 @@ def look_at_change(site, number, own, verdict):
     if not stated:
         return
     day, said = stated[-1]
-    # As a share of N_0, the mean of the baseline: within a per cent of the size that of N at the reference.
-    size = float(change.at(day))
+    # As a share of the baseline's mean force, which the season moves by a tenth and more where the walls hold the rod.
+    learned = site.records[number]["ratio"][: site.world.baseline]
+    size = float(change.at(day) / np.exp(np.log(learned).mean()))
     verdict.size_held = said["size"]["q025"] <= size <= said["size"]["q975"]
     dated = [[day_of(site.start, one[key]) for key in ("onset_q025", "onset_q975")] for one in (said, every[-1][1])]
     verdict.onset_held, verdict.onset_held_late = (begin <= change.day <= end for begin, end in dated)

@@ -113,9 +113,10 @@ impl<'a> Others<'a> {
             .count()
     }
 
-    /// True if one of those in the median shows evidence of a larger change than `size` that moves it: what is taken off a rod that
-    /// drifts does not.
-    pub(crate) fn is_one_of_them(&self, index: i64, size: impl Fn() -> f64) -> bool {
+    /// True if one of those in the median shows evidence of a larger change than this one, no older, that moves it: what is taken off a
+    /// rod that drifts does not.
+    pub(crate) fn is_one_of_them(&self, index: i64, movement: &Movement) -> bool {
+        let since = Some(movement.since);
         let in_median = |rod: &dyn Neighbour| {
             let taken_off = if rod.drifts() {
                 rod.moved_beside_others().abs()
@@ -125,7 +126,7 @@ impl<'a> Others<'a> {
             rod.size().abs() - taken_off
         };
         self.followed(index)
-            .any(|rod| rod.evidence(None) > MOVING && in_median(rod) > size())
+            .any(|rod| rod.evidence(since) > MOVING && in_median(rod) > movement.size.abs())
     }
 
     /// True if one of them has already reported that rods move together.

@@ -18,7 +18,14 @@ struct Rod {
     name: &'static str,
     ratio: Option<f64>,
     index: i64,
-    evidence: f64,
+    moved: Option<Moved>,
+}
+
+/// A change that another rod shows.
+#[derive(Debug, Clone, Copy)]
+struct Moved {
+    day: f64,
+    size: f64,
 }
 
 impl Neighbour for Rod {
@@ -31,15 +38,15 @@ impl Neighbour for Rod {
     fn last_period(&self) -> Option<i64> {
         Some(self.index)
     }
-    fn evidence(&self, _: Option<f64>) -> f64 {
-        self.evidence
+    fn evidence(&self, since: Option<f64>) -> f64 {
+        let is_younger = |moved: &Moved| since.is_none_or(|since| moved.day > since);
+        self.moved.filter(is_younger).map_or(0.0, |_| 2.0 * MOVING)
     }
-    fn evidence_alone(&self, _: Option<f64>) -> f64 {
-        self.evidence
+    fn evidence_alone(&self, since: Option<f64>) -> f64 {
+        self.evidence(since)
     }
-    /// A rise by 1 %, if it shows any.
     fn size(&self) -> f64 {
-        if self.evidence > 0.0 { 0.01 } else { 0.0 }
+        self.moved.map_or(0.0, |moved| moved.size)
     }
     fn slope_per_k(&self) -> Option<f64> {
         None
@@ -63,6 +70,8 @@ struct Site {
     watch: DriftWatch,
     filters: Filters,
     limit: f64,
+    /// True if findings are new for ever.
+    is_new: bool,
     /// Found so far, by day.
     found: Vec<Finding>,
 }
@@ -73,10 +82,12 @@ struct Day {
     read_c: Option<f64>,
     /// Change of force.
     change: f64,
+    /// Loss of the first of the other rods.
+    loss: f64,
     /// Slopes of the other rods \[1/K\]; `None` if one is configured and not measured.
     others: Vec<(&'static str, Option<f64>)>,
-    /// R of each of them.
-    evidence: f64,
+    /// What each of them shows.
+    moved: Option<Moved>,
 }
 
 impl Day {
@@ -85,8 +96,9 @@ impl Day {
         Self {
             read_c: Some(air(day)),
             change: 0.0,
+            loss: 0.0,
             others: vec![("b", Some(-0.008)), ("c", Some(-0.012))],
-            evidence: 0.0,
+            moved: None,
         }
     }
 
@@ -116,6 +128,7 @@ impl Site {
             watch: DriftWatch::new(0.0, NOISE),
             filters: Filters::default(),
             limit: LIMIT,
+            is_new: false,
             found: Vec::new(),
         }
     }
@@ -143,9 +156,11 @@ impl Site {
                 .zip(&today.others)
                 .map(|(source, &(name, slope))| Rod {
                     name,
-                    ratio: slope.map(|slope| slope * warmer + noise(index, source)),
+                    ratio: slope.map(|slope| {
+                        slope * warmer + noise(index, source) - if source == 1 { today.loss } else { 0.0 }
+                    }),
                     index,
-                    evidence: today.evidence,
+                    moved: today.moved,
                 })
                 .collect();
             let others = Others::new(&rods);
@@ -164,7 +179,7 @@ impl Site {
                 charted: None,
             };
             self.watch.step(&terms, &period, false, &others, DAY_S);
-            self.found.push(self.watch.finding(&others, index, false));
+            self.found.push(self.watch.finding(&others, index, self.is_new));
         }
         self
     }
@@ -316,7 +331,10 @@ fn a_notice_of_the_site_needs_the_evidence_of_all_its_rods() {
         site.follow(0..66, |day| Day {
             read_c: Some(air(day) + if day < 62 { 0.0 } else { 1.0 }),
             others: vec![("b", None), ("c", None), ("d", None)],
-            evidence: 2.0 * MOVING,
+            moved: Some(Moved {
+                day: 62.0,
+                size: 0.01,
+            }),
             ..Day::of(day)
         });
         (site.found[65], site.watch.evidence(None))
@@ -327,4 +345,33 @@ fn a_notice_of_the_site_needs_the_evidence_of_all_its_rods() {
     assert_eq!(last(0.5 * evidence).0, Finding::Waiting);
     assert_eq!(last(0.3 * evidence).0, Finding::Waiting);
     assert_eq!(last(0.2 * evidence).0, Finding::Common);
+}
+
+/// A loss of the first of the others moves their median, and R over all the past is large from a thermometer that was moved months ago:
+/// the rod waits for the other one, unless that changed months ago, too.
+#[test]
+fn what_another_rod_brings_about_waits_whatever_showed_before() {
+    let found = |moved: f64| {
+        let mut site = Site::new();
+        site.is_new = true;
+        site.follow(0..180, shifted);
+        assert!(site.is_quiet_since(0), "{:?}", site.found);
+        assert!(site.watch.evidence_alone(None) > LIMIT);
+        site.follow(180..183, |day| Day {
+            loss: 0.06,
+            moved: Some(Moved {
+                day: moved,
+                size: -0.06,
+            }),
+            ..shifted(day)
+        });
+        assert!(site.watch.evidence(None) > LIMIT);
+        site.found.split_off(180)
+    };
+    let (with_it, long_before) = (found(180.0), found(60.0));
+    assert_eq!(with_it, [Finding::Quiet; 3]);
+    assert!(
+        long_before.contains(&Finding::Drift(Witness::Confirmed)),
+        "{long_before:?}"
+    );
 }

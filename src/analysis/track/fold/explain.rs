@@ -9,19 +9,12 @@ use crate::track::observation::LogMode;
 
 /// Weighs the kinds of change over the periods since an onset, `last` the one that is being closed. The mean change of force that
 /// the drift watch found is kept (a ramp's mean is half of its final size); other effects on the force since
-/// the baseline, such as temperature, are removed. `None` without a baseline or where the model has no
-/// answers for the rod.
+/// the baseline, such as temperature, are removed period by period: every mode weighs the periods by its own errors, and would make a
+/// pattern of a season that only their mean takes off. `None` without a baseline or where the model has no answers for the rod.
 pub(crate) fn explain(tracker: &Tracker, change: &Change, last: Option<&Period>) -> Option<Explained> {
     let (baseline, shift) = (tracker.state.segment.baseline.as_ref()?, tracker.shift.as_ref()?);
     let periods = since(tracker, change.onset, last);
-    let stated = |period: &Period| period.delta_sd.powi(-2);
-    let weight: f64 = periods.iter().map(|period| stated(period)).sum();
     let log_ratio = |period: &Period| libm::log1p(period.delta.max(-1.0 + 1e-9));
-    let moved = periods
-        .iter()
-        .map(|period| stated(period) * log_ratio(period))
-        .sum::<f64>()
-        / weight;
     let share = 0.5 * (1.0 + change.step_probability);
     let found = libm::log1p((share * change.size.mean).clamp(-0.9, 10.0));
     let found_sd = share * change.size.sd / (1.0 + share * change.size.mean).max(0.1);
@@ -43,9 +36,10 @@ pub(crate) fn explain(tracker: &Tracker, change: &Change, last: Option<&Period>)
         .collect();
     let records: Vec<Shifted> = modes
         .iter()
-        .map(|modes| Shifted {
+        .zip(&periods)
+        .map(|(modes, period)| Shifted {
             modes,
-            expected: moved - found,
+            expected: log_ratio(period) - found,
         })
         .collect();
     let alternatives = tracker.plan.alternatives(baseline)?;

@@ -9,7 +9,7 @@ use crate::track::alarm::change::Change;
 use crate::track::alarm::{Alarm, Cause, Kind, Known, Standing};
 use crate::track::alternatives::Explained;
 use crate::track::drift::companions::PATIENCE;
-use crate::track::drift::others::{MOVING, Neighbour as _, Others};
+use crate::track::drift::others::{Neighbour as _, Others};
 use crate::track::drift::period::{Charted, Evidence, Period, combined_misfit};
 use crate::track::drift::watch::{DriftWatch, Finding, Witness};
 use crate::track::relative::Shift;
@@ -80,8 +80,8 @@ pub(crate) fn tell_ahead(tracker: &mut Tracker, others: &Others, time: Timestamp
     watch(&mut ahead, &mut period, others);
     look_at_finding(&mut ahead, &period, others, time);
     // What shows only relative to the others waits until they have their say on the period.
-    let shows_alone = ahead.state.evidence_alone(None) > MOVING;
-    if ahead.state.drifts() && shows_alone {
+    let shows_alone = |watch: &DriftWatch| watch.shows_alone();
+    if ahead.state.drifts() && ahead.state.watch.get().is_some_and(shows_alone) {
         tracker.state.alarms = ahead.state.alarms;
         tracker.state.watches = ahead.state.watches;
         tracker.news = ahead.news;

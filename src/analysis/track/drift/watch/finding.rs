@@ -106,6 +106,17 @@ impl DriftWatch {
         })
     }
 
+    /// True if the change shows without the other rods: by what began with it, since R over all the past grows without a change.
+    pub(crate) fn shows_alone(&self) -> bool {
+        self.evidence_alone(self.movement().map(|movement| movement.since)) > MOVING
+    }
+
+    /// True if a larger change of a rod in the median, of about the same age, may be what shows relative to the median.
+    fn may_be_another(&self, others: &Others, index: i64) -> bool {
+        let movement = self.movement();
+        movement.is_some_and(|movement| others.is_one_of_them(index, &movement))
+    }
+
     /// True while other rods bear witness.
     pub(crate) fn has_witnesses(&self) -> bool {
         self.peers.is_some() && self.without_others <= companions::PATIENCE
@@ -114,8 +125,7 @@ impl DriftWatch {
     /// Joint finding of the detectors after the last period, `index`. What shows only relative to the median may be another rod;
     /// `is_new`: not for so long that it would have been reported.
     pub(crate) fn finding(&self, others: &Others, index: i64, is_new: bool) -> Finding {
-        let is_smaller = || others.is_one_of_them(index, || self.size().abs());
-        if is_new && self.evidence_alone(None) <= MOVING && is_smaller() {
+        if is_new && self.above.any() && !self.shows_alone() && self.may_be_another(others, index) {
             return Finding::Quiet;
         }
         let has_witnesses = self.has_witnesses();

@@ -3,7 +3,7 @@
 // Machinery of tests and benches: a panic is the report.
 #![allow(clippy::unwrap_used)]
 
-use crate::labels::{CLASSES, Class, Knowledge};
+use crate::labels::{self, CLASSES, Class, Knowledge};
 use crate::simulator::scene::{Hum, Pull, Scene};
 use crate::simulator::{SimulatedMode, ambient_sd, normal, simulate};
 use rand::RngExt;
@@ -668,6 +668,37 @@ fn one_clear_mode_is_enough_where_one_is_asked_for() {
     assert!(told(&[resonance(45.0)]).is_err());
 }
 
+/// Even orders alone are nearly those of a rod of four times the force: where the peaks say which, a declared first mode is contradicted,
+/// and modes above those of the force count as seen.
+#[test]
+fn even_orders_are_no_first_mode() {
+    let mut identified = 0;
+    for seed in 0..24 {
+        let world = labels::world(Class::Visible(8, 9), Knowledge::FirstContact, seed);
+        let even: Vec<Resonance> = [1, 3, 5, 7].map(|n| resonance(world.frequencies[n])).to_vec();
+        let told = |count: usize| {
+            let settings = ModeSettings {
+                count,
+                ..ModeSettings::default()
+            };
+            let plan = LabelPlan::new(&world.prior, &[0.01], settings).unwrap();
+            plan.label(&even, (0.0, world.frequencies[9]), MotionKind::Ambient)
+        };
+        match told(3) {
+            Ok(found) => {
+                assert_eq!(found.labels.told[0], (2, world.frequencies[1]), "{seed}");
+                assert!(told(1).is_err(), "{seed}: {:?}", world.frequencies);
+                identified += 1;
+            }
+            Err(found) => {
+                let reason = found.rejection.to_string();
+                assert!(!reason.contains("one peak alone"), "{seed}: {reason}");
+            }
+        }
+    }
+    assert!(identified >= 4, "{identified}");
+}
+
 #[test]
 fn a_band_and_masks_keep_peaks_out() {
     let resonances: Vec<Resonance> = [1.1, 5.0, 7.7, 10.3, 16.2, 40.0].map(resonance).to_vec();
@@ -1101,8 +1132,15 @@ fn a_narrow_mask_over_a_neighbour_does_not_move_the_mode() {
             let record = simulate(700 + seed, FS, 60.0, &modes, 1.0, Excitation::Ambient);
             let found = plan.search().evidence(&record, 2.0, 25.0).unwrap().resonances;
             let distance = |r: &&Resonance| (r.frequency_hz - truth).abs();
-            let r = found.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap();
-            assert!(found.iter().all(|r| (r.frequency_hz - neighbour).abs() > 0.003 * neighbour));
+            let r = found
+                .iter()
+                .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+                .unwrap();
+            assert!(
+                found
+                    .iter()
+                    .all(|r| (r.frequency_hz - neighbour).abs() > 0.003 * neighbour)
+            );
             (r.frequency_hz - truth) / r.frequency_sd_hz
         })
         .collect();

@@ -63,6 +63,7 @@ const FLOORS: [&str; 70] = [
     "site::pictures",
     "site::analyse",
     "site::records",
+    "site::motion",
     "site::trackers",
     "site::driver",
     "site::reanalysis",

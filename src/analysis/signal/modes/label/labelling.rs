@@ -31,7 +31,7 @@ const MOST_NO_ROD_DECLARED: f64 = 0.5;
 /// struck. That allows no more than the second, which holds where the promise is one wrong record in a
 /// thousand.
 const STRUCK: f64 = -8.0;
-const STRUCK_KNOWN: f64 = -4.5;
+const STRUCK_KNOWN: f64 = -4.9;
 /// Largest share of the assignments of several peaks by which the mode declared to be the first may be a higher one.
 const MOST_HIGHER: f64 = 0.9;
 /// Most candidates reported, and the least probability of one after the first.

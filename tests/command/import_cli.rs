@@ -637,4 +637,11 @@ fn rows_lost_from_a_table_are_missing_samples_of_its_rate() {
         "{shown}"
     );
     assert_eq!(filled(&lines), Some(lost), "{shown}");
+    let (lines, said) = spectrum(&table, &["--resample", "100"]);
+    let shown = format!("{lines:?} {said}");
+    assert_eq!(filled(&lines), Some(lost), "{shown}");
+    assert!(
+        said.contains("interpolated up to") && said.contains(&format!("{lost} samples missing")),
+        "{shown}"
+    );
 }

@@ -22,6 +22,9 @@ const SHORT_GAP: f64 = 64.0;
 /// Longest interval that is no gap, in intervals.
 const GAP: f64 = 1.5;
 
+/// Largest distance of an interpolated sample from its nearest stamp, in intervals: stamps farther apart have lost one between them.
+const NEAR: f64 = 0.9;
+
 /// Evenly spaced samples without a gap.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stretch {
@@ -311,7 +314,8 @@ pub(super) fn simplest(slope: f64, tolerance: f64) -> f64 {
     slope
 }
 
-/// Interpolates linearly to an even grid of `fs_hz`. Samples in gaps of more than three intervals are missing; a gap of more than
+/// Interpolates linearly to an even grid of `fs_hz`. Samples farther than [`NEAR`] from every stamp, or in gaps of more than three
+/// intervals, are missing; a gap of more than
 /// [`SHORT_GAP`] intervals begins another stretch. Also returns the largest distance between a sample of the grid and the stamp nearest to it \[s\].
 pub(super) fn resample(
     stamps: &Stamps,
@@ -359,11 +363,9 @@ pub(super) fn resample(
             let (value, nearest) = if at + 1 < end && time > left {
                 let right = difference(nanos[at + 1], first);
                 let share = (time - left) / (right - left);
-                match right - left <= longest {
-                    true => {
-                        let value = values[at] + share * (values[at + 1] - values[at]);
-                        (value, (time - left).min(right - time))
-                    }
+                let nearest = (time - left).min(right - time);
+                match right - left <= longest && nearest <= NEAR * interval {
+                    true => (values[at] + share * (values[at + 1] - values[at]), nearest),
                     false => (f64::NAN, 0.0),
                 }
             } else {
@@ -528,6 +530,18 @@ mod tests {
                 false => assert!(value.is_nan(), "{i} {value}"),
             }
         }
+    }
+
+    /// A straight line over a lost sample would be motion that nobody measured.
+    #[test]
+    fn single_lost_samples_are_missing_after_resampling() {
+        let kept: Vec<i64> = (0..1000).filter(|i| i % 83 != 40).collect();
+        let lost = stamps(kept.iter().map(|i| i * 5_000_000).collect(), 1);
+        let values: Vec<f64> = kept.iter().map(|i| *i as f64).collect();
+        let (_, out) = resample(&lost, &values, 200.0, 10_000).unwrap();
+        let missing: Vec<usize> = (0..out.len()).filter(|i| out[*i].is_nan()).collect();
+        let expected: Vec<usize> = (0..1000).filter(|i| i % 83 == 40).collect();
+        assert_eq!((out.len(), missing), (1000, expected));
     }
 
     #[test]

@@ -61,6 +61,12 @@ impl Planned {
         self.values.iter().filter(|value| !value.is_finite()).count()
     }
 
+    /// The interpolation in words; `None` without one.
+    pub fn interpolation(&self) -> Option<String> {
+        let deviation_s = self.deviation_s.filter(|_| self.is_resampled)?;
+        Some(format!("interpolated up to {deviation_s:.2e} s from a stamp"))
+    }
+
     /// Field of a message that holds the samples.
     pub fn field(&self, encoding: Encoding) -> &'static str {
         encoding.samples_field(matches!(self.layout, Layout::Batch(_)))

@@ -645,3 +645,38 @@ fn rows_lost_from_a_table_are_missing_samples_of_its_rate() {
         "{shown}"
     );
 }
+
+#[test]
+fn days_of_a_spreadsheet_are_read_and_bad_stamps_left_out() {
+    let table = moving("timestamp,d [mm]", |index, value| {
+        Some(format!("{:.10},{value}", 46_082.25 + index as f64 / 8_640_000.0))
+    });
+    for more in [
+        &[][..],
+        &["--time-unit", "d"],
+        &["--time", "none", "--rate", "100"],
+        &["--time", "none", "--rate", "100", "--channel", "2"],
+    ] {
+        let (lines, said) = spectrum(&table, more);
+        let shown = format!("{more:?} {lines:?} {said}");
+        assert_eq!(lines.len(), 1, "{shown}");
+        assert!(
+            (lines[0]["fs_hz"].as_f64().unwrap() - 100.0).abs() < 1e-3,
+            "{shown}"
+        );
+        assert_eq!(
+            shown.contains("2026-03-01T06:00:00"),
+            more.first() != Some(&"--time"),
+            "{shown}"
+        );
+    }
+    // Stamps so coarse that they repeat are no motion either.
+    let table = moving("time [s],d [mm]", |index, value| {
+        Some(format!("{:.1},{value}", (index / 10) as f64 / 10.0))
+    });
+    let (_, said) = spectrum(&table, &[]);
+    assert!(said.contains("--time none --rate HZ"), "{said}");
+    let (lines, said) = spectrum(&table, &["--time", "none", "--rate", "100"]);
+    assert_eq!(lines.len(), 1, "{lines:?} {said}");
+    assert!(said.contains("left out: channel 1 (time)"), "{said}");
+}

@@ -256,7 +256,8 @@ pub(super) fn interval_ns(stamps: &Stamps) -> Result<f64, ImportError> {
             return Err(ImportError::at(
                 stamps.place(index + 1),
                 format!(
-                    "the time goes back by {:.3e} s: cut the file there",
+                    "the time goes back by {:.3e} s: cut the file there, or if its samples are one interval apart and none is twice in \
+                     it, --time none --rate HZ leaves the stamps out",
                     difference(pair[0], pair[1]) * 1e-9
                 ),
             ));
@@ -269,7 +270,8 @@ pub(super) fn interval_ns(stamps: &Stamps) -> Result<f64, ImportError> {
     if let Some(index) = equal {
         return Err(ImportError::at(
             stamps.place(index),
-            "the same stamp as the sample before: doubled lines, or stamps too coarse for the rate",
+            "the same stamp as the sample before: doubled lines, to be taken out, or stamps too coarse for the rate: --time none --rate HZ \
+             leaves them out",
         ));
     }
     let middle = steps.len() / 2;
@@ -500,14 +502,14 @@ mod tests {
             even(&stamps(nanos.clone(), 1))
                 .unwrap_err()
                 .to_string()
-                .contains("the same stamp")
+                .contains("too coarse for the rate: --time none --rate HZ")
         );
         nanos[500] = nanos[499] - 1;
         assert!(
             even(&stamps(nanos, 1))
                 .unwrap_err()
                 .to_string()
-                .contains("goes back")
+                .contains("--time none --rate HZ")
         );
         let growing: Vec<i64> = (0..200).map(|i| i * i * 1_000_000).collect();
         assert!(even(&stamps(growing, 1)).is_err());

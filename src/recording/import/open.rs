@@ -387,16 +387,17 @@ fn refused(path: &Path, error: &ImportError) -> SourceError {
     }
 }
 
-/// Drops channels that only count time or rows, unless a channel was asked for by name.
+/// Drops channels that are the time or count rows, unless a channel was asked for by name.
 fn without_ramps(signals: Vec<Signal>, how: &How, notes: &mut Vec<String>) -> Vec<Signal> {
     if !how.channels.is_empty() || signals.len() < 2 {
         return signals;
     }
-    let (counts, rest): (Vec<Signal>, Vec<Signal>) = signals.into_iter().partition(ramp::is_ramp);
-    notes.extend(
-        counts
-            .iter()
-            .map(|signal| format!("left out: {} rises evenly", super::asked::told(signal))),
-    );
+    let (counts, rest): (Vec<Signal>, Vec<Signal>) = signals.into_iter().partition(ramp::is_time);
+    notes.extend(counts.iter().map(|signal| {
+        format!(
+            "left out: {} is the time, or rises as it does",
+            super::asked::told(signal)
+        )
+    }));
     rest
 }

@@ -32,10 +32,12 @@ pub fn opening(measurement: &Measurement) -> Vec<String> {
     lines
 }
 
-/// Start of a record in words; a file without a start begins in 1970 to the nanosecond.
+/// Start of a record in words; a file without a start counts from 1970, in which nobody recorded.
 pub fn began(start: Timestamp) -> String {
+    const YEAR_NS: i64 = 365 * 86_400 * 1_000_000_000;
     match start.as_nanos() {
         0 => "its time not said".to_owned(),
+        later @ 1..YEAR_NS => format!("from {:.2} s on, its time not said", later as f64 * 1e-9),
         _ => format!("from {start}"),
     }
 }
@@ -217,6 +219,15 @@ pub fn wrapped(opening: &str, text: &str) -> String {
 mod tests {
     use super::*;
     use crate::analysis::findings::{Assigned, Multiple, Nature, Quantiles};
+
+    #[test]
+    fn a_later_stretch_of_a_file_without_a_start_has_no_date() {
+        assert_eq!(began(Timestamp::from_nanos(0)), "its time not said");
+        let later = began(Timestamp::from_nanos(2_097_250_000_000));
+        assert_eq!(later, "from 2097.25 s on, its time not said");
+        let dated = Timestamp::from_nanos(1_772_344_800_000_000_000);
+        assert_eq!(began(dated), "from 2026-03-01T06:00:00Z");
+    }
 
     #[test]
     fn tables_hold_within_eighty_columns() {

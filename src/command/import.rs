@@ -252,15 +252,15 @@ fn snippet(path: &Path, out: &Path, plan: &Plan, messages: u64) -> String {
         if channel.missing() > 0 {
             let _ = write!(text, ", {} missing", channel.missing());
         }
-        match channel.deviation_s {
-            Some(deviation_s) if channel.is_resampled => {
-                let _ = write!(text, ", interpolated up to {deviation_s:.2e} s from a stamp");
+        match (channel.interpolation(), channel.deviation_s) {
+            (Some(interpolation), _) => {
+                let _ = write!(text, ", {interpolation}");
             }
-            Some(0.0) => text.push_str(", stamps exactly even"),
-            Some(deviation_s) => {
+            (None, Some(0.0)) => text.push_str(", stamps exactly even"),
+            (None, Some(deviation_s)) => {
                 let _ = write!(text, ", stamps within {deviation_s:.2e} s of it");
             }
-            None => {}
+            (None, None) => {}
         }
         let is_temperature = Unit::TEMPERATURE.contains(&channel.unit);
         let section = if is_temperature {

@@ -586,3 +586,97 @@ fn a_configuration_is_written_from_a_table() {
         assert!(config.contains(part), "{part}: {config}");
     }
 }
+
+/// Two minutes of a rod's motion at 100 Hz, each line as `row` writes it.
+fn moving(head: &str, row: impl Fn(usize, f64) -> Option<String>) -> String {
+    let (mut seed, mut table) = (1_u64, format!("{head}\n"));
+    for index in 0..12_000 {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        let noise = (seed >> 40) as f64 / f64::from(1 << 24) - 0.5;
+        let value = (index as f64 * 0.3).sin() + (index as f64 * 0.71).sin() + 0.2 * noise;
+        if let Some(row) = row(index, value) {
+            writeln!(table, "{row}").unwrap();
+        }
+    }
+    table
+}
+
+/// `spectrum --format json` of a table: its lines and the messages.
+fn spectrum(table: &str, more: &[&str]) -> (Vec<Value>, String) {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("a.csv"), table).unwrap();
+    let arguments = ["spectrum", "a.csv", "--format", "json", "--plot", "never"];
+    let output = tirante(folder.path())
+        .args(arguments)
+        .args(more)
+        .output()
+        .unwrap();
+    let lines = text(&output.stdout);
+    let lines = lines.lines().map(|line| serde_json::from_str(line).unwrap());
+    (lines.collect(), text(&output.stderr))
+}
+
+/// Samples filled in the first record.
+fn filled(lines: &[Value]) -> Option<u64> {
+    let mut flags = lines.first()?["flags"].as_array()?.iter();
+    flags.find(|flag| flag["flag"] == "filled")?["samples"].as_u64()
+}
+
+#[test]
+fn rows_lost_from_a_table_are_missing_samples_of_its_rate() {
+    let table = moving("timestamp,d [mm]", |index, value| {
+        let is_lost = index % 97 == 50 || index % 401 == 7;
+        (!is_lost).then(|| format!("{:.6},{value}", 1_772_345_000.0 + index as f64 / 100.0))
+    });
+    let lost = (0..12_000).filter(|i| i % 97 == 50 || i % 401 == 7).count() as u64;
+    let (lines, said) = spectrum(&table, &[]);
+    let shown = format!("{lines:?} {said}");
+    assert_eq!(lines.len(), 1, "{shown}");
+    assert!(
+        (lines[0]["fs_hz"].as_f64().unwrap() - 100.0).abs() < 1e-3,
+        "{shown}"
+    );
+    assert_eq!(filled(&lines), Some(lost), "{shown}");
+    let (lines, said) = spectrum(&table, &["--resample", "100"]);
+    let shown = format!("{lines:?} {said}");
+    assert_eq!(filled(&lines), Some(lost), "{shown}");
+    assert!(
+        said.contains("interpolated up to") && said.contains(&format!("{lost} samples missing")),
+        "{shown}"
+    );
+}
+
+#[test]
+fn days_of_a_spreadsheet_are_read_and_bad_stamps_left_out() {
+    let table = moving("timestamp,d [mm]", |index, value| {
+        Some(format!("{:.10},{value}", 46_082.25 + index as f64 / 8_640_000.0))
+    });
+    for more in [
+        &[][..],
+        &["--time-unit", "d"],
+        &["--time", "none", "--rate", "100"],
+        &["--time", "none", "--rate", "100", "--channel", "2"],
+    ] {
+        let (lines, said) = spectrum(&table, more);
+        let shown = format!("{more:?} {lines:?} {said}");
+        assert_eq!(lines.len(), 1, "{shown}");
+        assert!(
+            (lines[0]["fs_hz"].as_f64().unwrap() - 100.0).abs() < 1e-3,
+            "{shown}"
+        );
+        assert_eq!(
+            shown.contains("2026-03-01T06:00:00"),
+            more.first() != Some(&"--time"),
+            "{shown}"
+        );
+    }
+    // Stamps so coarse that they repeat are no motion either.
+    let table = moving("time [s],d [mm]", |index, value| {
+        Some(format!("{:.1},{value}", (index / 10) as f64 / 10.0))
+    });
+    let (_, said) = spectrum(&table, &[]);
+    assert!(said.contains("--time none --rate HZ"), "{said}");
+    let (lines, said) = spectrum(&table, &["--time", "none", "--rate", "100"]);
+    assert_eq!(lines.len(), 1, "{lines:?} {said}");
+    assert!(said.contains("left out: channel 1 (time)"), "{said}");
+}

@@ -2,7 +2,7 @@
 
 use super::asked::{Asked, Wanted, channels_of, choose, told};
 use super::contents::describe;
-use super::{ImportError, Signal, Timing, is_time_name, ramp};
+use super::{ImportError, Signal, ramp};
 use crate::analysis::signal::record::{RodChannels, Unit};
 
 /// Most channels named in an error.
@@ -142,11 +142,8 @@ fn of_nobody(signals: &[Signal]) -> ImportError {
 
 /// Channels of the only rod: the one channel of motion, and the one thermometer.
 fn only(signals: Vec<Signal>, rod: &RodChannels) -> Result<Chosen, ImportError> {
-    let is_time = |signal: &Signal| {
-        signal.timing == Timing::Unknown && is_time_name(&signal.name) || ramp::is_ramp(signal)
-    };
     let motion: Vec<usize> = (0..signals.len())
-        .filter(|index| !is_temperature(&signals[*index]) && !is_time(&signals[*index]))
+        .filter(|index| !is_temperature(&signals[*index]) && !ramp::is_time(&signals[*index]))
         .collect();
     let of_unit = |index: &&usize| {
         let written = signals[**index].unit.as_deref();

@@ -136,7 +136,9 @@ pub fn read(mut from: impl Read, path: &Path, how: &How) -> Result<Option<Conten
         Format::Npy => (npy::read(from)?, Vec::new()),
     };
     tell_apart(signals.iter_mut().map(|signal| &mut signal.name));
-    if let Some(rate_hz) = how.rate_hz {
+    // Who names the motion and leaves the stamps out has said which column is not the time.
+    let is_settled = matches!(how.table.time, csv::TimeColumn::None) && !how.channels.is_empty();
+    if let Some(rate_hz) = how.rate_hz.filter(|_| !is_settled) {
         ramp::agree(signals.iter().chain(&witnesses), rate_hz)?;
     }
     Ok(Some(Contents {

@@ -15,14 +15,20 @@ const SURE: f64 = 1e-4;
 /// fast vibration onto slow.
 const COARSER: f64 = 1.1;
 
-/// Longest gap, in intervals, that becomes missing samples of a resampled stretch: many short stretches would hide from the record how
-/// many samples are missing.
+/// Longest gap, in intervals, that becomes missing samples of a stretch: many short stretches would hide from the record how many samples
+/// are missing, and their few stamps its rate.
 const SHORT_GAP: f64 = 64.0;
+
+/// Longest interval that is no gap, in intervals.
+const GAP: f64 = 1.5;
+
+/// Largest distance of an interpolated sample from its nearest stamp, in intervals: stamps farther apart have lost one between them.
+const NEAR: f64 = 0.9;
 
 /// Evenly spaced samples without a gap.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stretch {
-    /// Range of its samples.
+    /// Range of its samples, lost ones among them.
     pub samples: Range<usize>,
     /// Time of the first one \[ns\], on the clock of the stamps.
     pub start_ns: i64,
@@ -33,6 +39,8 @@ pub struct Stretch {
 pub(super) struct Grid {
     pub(super) fs_hz: f64,
     pub(super) stretches: Vec<Stretch>,
+    /// Stamps before which samples of the grid are lost, and how many.
+    pub(super) holes: Vec<(usize, usize)>,
     /// Largest distance of a stamp from the grid \[s\].
     pub(super) deviation_s: f64,
 }
@@ -44,16 +52,13 @@ pub(super) struct Grid {
 pub(super) fn even(stamps: &Stamps) -> Result<Grid, ImportError> {
     let (grid, worst) = fit(stamps)?;
     let interval_s = 1.0 / grid.fs_hz;
-    let allowed_s = (UNEVEN * interval_s).max(stamps.resolution_ns as f64 * 1e-9);
+    let allowed_s = allowed_ns(1e9 * interval_s, stamps) * 1e-9;
     // A few gaps are a recorder's; one in ten samples is no rate.
-    let is_broken = grid.stretches.len() > 1 + stamps.nanos.len() / 10;
+    let gaps = grid.stretches.len() - 1 + grid.holes.len();
+    let is_broken = gaps > stamps.nanos.len() / 10;
     if grid.deviation_s > allowed_s || is_broken {
         let what = if is_broken && grid.deviation_s <= allowed_s {
-            format!(
-                "{} gaps in {} samples",
-                grid.stretches.len() - 1,
-                stamps.nanos.len()
-            )
+            format!("{gaps} gaps in {} samples", stamps.nanos.len())
         } else {
             format!(
                 "this stamp lies {:.3e} s ({:.0} % of the interval) from an even grid of {} Hz, the farthest",
@@ -70,6 +75,11 @@ pub(super) fn even(stamps: &Stamps) -> Result<Grid, ImportError> {
     Ok(grid)
 }
 
+/// Largest distance of a stamp from an even grid \[ns\].
+fn allowed_ns(interval: f64, stamps: &Stamps) -> f64 {
+    (UNEVEN * interval).max(stamps.resolution_ns as f64)
+}
+
 /// Most samples that keep one stamp each.
 const STAMPED: usize = 1 << 21;
 
@@ -84,51 +94,149 @@ pub(super) fn uneven(stamps: &Stamps) -> Option<Grid> {
         start_ns: *nano,
     });
     grid.stretches = stamped.collect();
+    grid.holes.clear();
     Some(grid)
+}
+
+impl Grid {
+    /// The samples of the stamps with NaN in place of lost ones.
+    pub(super) fn filled(&self, values: Vec<f64>) -> Vec<f64> {
+        if self.holes.is_empty() {
+            return values;
+        }
+        let lost: usize = self.holes.iter().map(|(_, count)| count).sum();
+        let mut filled = Vec::with_capacity(values.len() + lost);
+        let mut rest = &values[..];
+        let mut at = 0;
+        for (index, count) in &self.holes {
+            let (before, after) = rest.split_at((index - at).min(rest.len()));
+            filled.extend_from_slice(before);
+            filled.resize(filled.len() + count, f64::NAN);
+            (rest, at) = (after, *index);
+        }
+        filled.extend_from_slice(rest);
+        filled
+    }
+}
+
+/// Stamps on one grid, from the first to the last.
+#[derive(Clone)]
+struct Run {
+    samples: Range<usize>,
+    /// As of [`Grid::holes`].
+    holes: Vec<(usize, usize)>,
+}
+
+impl Run {
+    fn lost(&self) -> usize {
+        self.holes.iter().map(|(_, count)| count).sum()
+    }
+
+    /// Place of each stamp on the grid, from 0.
+    fn places(&self) -> impl Iterator<Item = usize> {
+        let (mut holes, mut lost) = (self.holes.iter().peekable(), 0);
+        self.samples.clone().map(move |index| {
+            if let Some((_, count)) = holes.next_if(|(at, _)| *at == index) {
+                lost += count;
+            }
+            index - self.samples.start + lost
+        })
+    }
+}
+
+/// Joins runs whose gap is short and a whole number of intervals: the samples between them are lost.
+fn joined(runs: &[Run], nanos: &[i64], slope: f64, allowed_ns: f64) -> Vec<Run> {
+    let mut joined: Vec<Run> = Vec::new();
+    for run in runs {
+        if let Some(before) = joined.last_mut() {
+            let (last, next) = (before.samples.end - 1, run.samples.start);
+            let steps = difference(nanos[next], nanos[last]) / slope;
+            let whole = steps.round();
+            let is_on_grid = (steps - whole).abs() * slope <= allowed_ns;
+            if is_on_grid && (2.0..=SHORT_GAP).contains(&whole) {
+                before.holes.push((next, whole as usize - 1));
+                before.samples.end = run.samples.end;
+                continue;
+            }
+        }
+        joined.push(run.clone());
+    }
+    joined
 }
 
 /// Best grid, and the stamp farthest from it.
 fn fit(stamps: &Stamps) -> Result<(Grid, usize), ImportError> {
     let nanos = &stamps.nanos;
     let interval = interval_ns(stamps)?;
-    let longest = 1.5 * interval + stamps.resolution_ns as f64;
-    let mut stretches: Vec<Range<usize>> = Vec::new();
+    let longest = GAP * interval + stamps.resolution_ns as f64;
+    let run = |samples| Run {
+        samples,
+        holes: Vec::new(),
+    };
+    let mut runs: Vec<Run> = Vec::new();
     let mut begin = 0;
     for (index, pair) in nanos.windows(2).enumerate() {
         if difference(pair[1], pair[0]) > longest {
-            stretches.push(begin..index + 1);
+            runs.push(run(begin..index + 1));
             begin = index + 1;
         }
     }
-    stretches.push(begin..nanos.len());
-    let (slope, length) = slope_ns(nanos, &stretches, interval);
-    let slope = simplest(slope, (stamps.resolution_ns as f64 / length).min(SURE * slope));
+    runs.push(run(begin..nanos.len()));
+    let slope = slope_ns(nanos, &runs, interval);
+    let plain = of_runs(stamps, slope, runs.clone());
+    // Behind a gap of the grid stamps lie on it as well as elsewhere.
+    let as_well_ns = 2e9 * plain.0.deviation_s + stamps.resolution_ns as f64;
+    let as_well_ns = as_well_ns.min(allowed_ns(slope, stamps));
+    let joined = joined(&runs, nanos, slope, as_well_ns);
+    if joined.len() < runs.len() {
+        let found = of_runs(stamps, slope_ns(nanos, &joined, slope), joined);
+        if found.0.deviation_s * 1e9 <= as_well_ns {
+            return Ok(found);
+        }
+    }
+    Ok(plain)
+}
+
+/// Grid of runs whose common slope is known, and the stamp farthest from it.
+fn of_runs(stamps: &Stamps, slope: f64, runs: Vec<Run>) -> (Grid, usize) {
+    let nanos = &stamps.nanos;
+    let steps = |run: &Run| run.samples.len() + run.lost() - 1;
+    let longest = runs.iter().map(steps).max().unwrap_or(1).max(1);
+    let tolerance = (stamps.resolution_ns as f64 / longest as f64).min(SURE * slope);
+    let slope = simplest(slope, tolerance);
     let mut grid = Grid {
         fs_hz: 1e9 / slope,
-        stretches: Vec::with_capacity(stretches.len()),
+        stretches: Vec::with_capacity(runs.len()),
+        holes: Vec::new(),
         deviation_s: 0.0,
     };
-    let mut worst = 0;
-    for samples in stretches {
-        let first = nanos[samples.start];
-        let off = |index: usize| difference(nanos[index], first) - (index - samples.start) as f64 * slope;
-        let mean = samples.clone().map(off).sum::<f64>() / samples.len() as f64;
+    let (mut worst, mut from) = (0, 0);
+    for run in runs {
+        let first = nanos[run.samples.start];
+        let offs = || {
+            let stamped = run.samples.clone().zip(run.places());
+            stamped.map(|(index, place)| (index, difference(nanos[index], first) - place as f64 * slope))
+        };
+        let mean = offs().map(|(_, off)| off).sum::<f64>() / run.samples.len() as f64;
         // An exact grid begins at its first stamp, a scattered one at the mean of the starts that its stamps imply.
         let shift = if mean.abs() <= stamps.resolution_ns as f64 {
             0.0
         } else {
             mean
         };
-        for index in samples.clone() {
-            let deviation_s = (off(index) - shift).abs() * 1e-9;
+        for (index, off) in offs() {
+            let deviation_s = (off - shift).abs() * 1e-9;
             if deviation_s > grid.deviation_s {
                 (grid.deviation_s, worst) = (deviation_s, index);
             }
         }
         let start_ns = first.saturating_add(shift.round() as i64);
+        let samples = from..from + run.samples.len() + run.lost();
+        from = samples.end;
         grid.stretches.push(Stretch { samples, start_ns });
+        grid.holes.extend(run.holes);
     }
-    Ok((grid, worst))
+    (grid, worst)
 }
 
 /// `later - earlier` without overflow \[ns\].
@@ -148,7 +256,8 @@ pub(super) fn interval_ns(stamps: &Stamps) -> Result<f64, ImportError> {
             return Err(ImportError::at(
                 stamps.place(index + 1),
                 format!(
-                    "the time goes back by {:.3e} s: cut the file there",
+                    "the time goes back by {:.3e} s: cut the file there, or if its samples are one interval apart and none is twice in \
+                     it, --time none --rate HZ leaves the stamps out",
                     difference(pair[0], pair[1]) * 1e-9
                 ),
             ));
@@ -161,7 +270,8 @@ pub(super) fn interval_ns(stamps: &Stamps) -> Result<f64, ImportError> {
     if let Some(index) = equal {
         return Err(ImportError::at(
             stamps.place(index),
-            "the same stamp as the sample before: doubled lines, or stamps too coarse for the rate",
+            "the same stamp as the sample before: doubled lines, to be taken out, or stamps too coarse for the rate: --time none --rate HZ \
+             leaves them out",
         ));
     }
     let middle = steps.len() / 2;
@@ -169,28 +279,22 @@ pub(super) fn interval_ns(stamps: &Stamps) -> Result<f64, ImportError> {
     Ok(*median as f64)
 }
 
-/// Common slope of all stretches by least squares \[ns\], and the number of samples behind it.
-fn slope_ns(nanos: &[i64], stretches: &[Range<usize>], interval: f64) -> (f64, f64) {
-    let (mut up, mut down, mut longest) = (0.0, 0.0, 1.0_f64);
-    for samples in stretches.iter().filter(|samples| samples.len() > 1) {
-        let first = nanos[samples.start];
-        let count = samples.len() as f64;
-        let middle = 0.5 * (count - 1.0);
-        for (place, nano) in nanos[samples.clone()].iter().enumerate() {
+/// Common slope of all runs by least squares \[ns\], from one that is about right.
+fn slope_ns(nanos: &[i64], runs: &[Run], about: f64) -> f64 {
+    let (mut up, mut down) = (0.0, 0.0);
+    for run in runs.iter().filter(|run| run.samples.len() > 1) {
+        let first = nanos[run.samples.start];
+        let middle = run.places().sum::<usize>() as f64 / run.samples.len() as f64;
+        for (place, nano) in run.places().zip(&nanos[run.samples.clone()]) {
             let off = place as f64 - middle;
-            // About the median interval, so that little is lost to rounding.
-            up += off * (difference(*nano, first) - place as f64 * interval);
+            // About a slope that is near, so that little is lost to rounding.
+            up += off * (difference(*nano, first) - place as f64 * about);
             down += off * off;
         }
-        longest = longest.max(count - 1.0);
     }
-    let slope = if down > 0.0 {
-        interval + up / down
-    } else {
-        interval
-    };
+    let slope = if down > 0.0 { about + up / down } else { about };
     // Stamps that scatter wildly could turn it over; the median cannot.
-    (if slope > 0.0 { slope } else { interval }, longest)
+    if slope > 0.0 { slope } else { about }
 }
 
 /// The interval nearest to `slope` whose rate, or else which itself, has the fewest digits within `tolerance` \[ns\].
@@ -212,7 +316,8 @@ pub(super) fn simplest(slope: f64, tolerance: f64) -> f64 {
     slope
 }
 
-/// Interpolates linearly to an even grid of `fs_hz`. Samples in gaps of more than three intervals are missing; a gap of more than
+/// Interpolates linearly to an even grid of `fs_hz`. Samples farther than [`NEAR`] from every stamp, or in gaps of more than three
+/// intervals, are missing; a gap of more than
 /// [`SHORT_GAP`] intervals begins another stretch. Also returns the largest distance between a sample of the grid and the stamp nearest to it \[s\].
 pub(super) fn resample(
     stamps: &Stamps,
@@ -234,6 +339,7 @@ pub(super) fn resample(
     let mut grid = Grid {
         fs_hz,
         stretches: Vec::new(),
+        holes: Vec::new(),
         deviation_s: 0.0,
     };
     let mut out = Vec::new();
@@ -259,11 +365,9 @@ pub(super) fn resample(
             let (value, nearest) = if at + 1 < end && time > left {
                 let right = difference(nanos[at + 1], first);
                 let share = (time - left) / (right - left);
-                match right - left <= longest {
-                    true => {
-                        let value = values[at] + share * (values[at + 1] - values[at]);
-                        (value, (time - left).min(right - time))
-                    }
+                let nearest = (time - left).min(right - time);
+                match right - left <= longest && nearest <= NEAR * interval {
+                    true => (values[at] + share * (values[at + 1] - values[at]), nearest),
                     false => (f64::NAN, 0.0),
                 }
             } else {
@@ -345,6 +449,45 @@ mod tests {
         );
     }
 
+    /// One sample in a hundred lost, here and there: the rate is that of the stamps, not of the samples by their number.
+    #[test]
+    fn samples_lost_from_a_grid_are_missing_and_their_rate_is_the_grids() {
+        for (fs_hz, resolution_ns) in [(100.0, 1000), (300.0, 1_000_000), (199.987_654, 1000)] {
+            let is_lost = |i: usize| i % 97 == 50 || i % 61 == 7 || (4000..4050).contains(&i);
+            let all = written(6000, fs_hz, resolution_ns);
+            let kept: Vec<usize> = (0..6000).filter(|i| !is_lost(*i)).collect();
+            let grid = even(&stamps(kept.iter().map(|i| all[*i]).collect(), resolution_ns)).unwrap();
+            assert!((grid.fs_hz / fs_hz - 1.0).abs() < 1e-7, "{}", grid.fs_hz);
+            assert_eq!(grid.stretches.len(), 1, "{fs_hz}");
+            let filled = grid.filled(kept.iter().map(|i| *i as f64).collect());
+            assert_eq!(filled.len(), grid.stretches[0].samples.len());
+            for (i, value) in filled.iter().enumerate() {
+                assert!(
+                    if is_lost(i) {
+                        value.is_nan()
+                    } else {
+                        *value == i as f64
+                    },
+                    "{i}: {value}"
+                );
+            }
+        }
+    }
+
+    /// Gaps that nearly fit the grid would change its rate.
+    #[test]
+    fn gaps_beside_the_grid_begin_other_stretches() {
+        let mut nanos = written(1000, 200.0, 1);
+        for at in [100, 200, 300, 400, 500, 600, 700, 800] {
+            nanos[at..].iter_mut().for_each(|nano| *nano += 20_400_000);
+        }
+        let grid = even(&stamps(nanos, 1)).unwrap();
+        assert_eq!(
+            (grid.fs_hz, grid.stretches.len(), grid.holes.len()),
+            (200.0, 9, 0)
+        );
+    }
+
     #[test]
     fn uneven_doubled_and_backward_stamps_are_refused_with_their_place() {
         let mut nanos = written(1000, 200.0, 1);
@@ -359,14 +502,14 @@ mod tests {
             even(&stamps(nanos.clone(), 1))
                 .unwrap_err()
                 .to_string()
-                .contains("the same stamp")
+                .contains("too coarse for the rate: --time none --rate HZ")
         );
         nanos[500] = nanos[499] - 1;
         assert!(
             even(&stamps(nanos, 1))
                 .unwrap_err()
                 .to_string()
-                .contains("goes back")
+                .contains("--time none --rate HZ")
         );
         let growing: Vec<i64> = (0..200).map(|i| i * i * 1_000_000).collect();
         assert!(even(&stamps(growing, 1)).is_err());
@@ -389,6 +532,18 @@ mod tests {
                 false => assert!(value.is_nan(), "{i} {value}"),
             }
         }
+    }
+
+    /// A straight line over a lost sample would be motion that nobody measured.
+    #[test]
+    fn single_lost_samples_are_missing_after_resampling() {
+        let kept: Vec<i64> = (0..1000).filter(|i| i % 83 != 40).collect();
+        let lost = stamps(kept.iter().map(|i| i * 5_000_000).collect(), 1);
+        let values: Vec<f64> = kept.iter().map(|i| *i as f64).collect();
+        let (_, out) = resample(&lost, &values, 200.0, 10_000).unwrap();
+        let missing: Vec<usize> = (0..out.len()).filter(|i| out[*i].is_nan()).collect();
+        let expected: Vec<usize> = (0..1000).filter(|i| i % 83 == 40).collect();
+        assert_eq!((out.len(), missing), (1000, expected));
     }
 
     #[test]

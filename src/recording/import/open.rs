@@ -94,6 +94,7 @@ pub fn open(
             "the file does not say when it began, its times count from 1970 (--start says it)".to_owned(),
         );
     }
+    notes.extend(interpolations(&plan));
     let mut rods = whose.rods.to_vec();
     for rod in &mut rods {
         for channel in rod.all_mut() {
@@ -277,7 +278,19 @@ fn of_anybody(
         .collect();
     let signals = without_ramps(contents.signals, how, &mut notes);
     let plan = Plan::new(signals, &asked, Encoding::Protobuf).map_err(|error| refused(path, &error))?;
+    notes.extend(interpolations(&plan));
     Ok(Some((plan, notes, bytes)))
+}
+
+/// One sentence for each channel that was interpolated.
+fn interpolations(plan: &Plan) -> impl Iterator<Item = String> + '_ {
+    plan.channels.iter().filter_map(|planned| {
+        let interpolation = planned.interpolation()?;
+        let (name, fs_hz, missing) = (&planned.name, planned.fs_hz, planned.missing());
+        Some(format!(
+            "{name:?} at {fs_hz} Hz: {interpolation}, {missing} samples missing"
+        ))
+    })
 }
 
 /// Opens a recording with every channel as a rod.
@@ -374,16 +387,17 @@ fn refused(path: &Path, error: &ImportError) -> SourceError {
     }
 }
 
-/// Drops channels that only count time or rows, unless a channel was asked for by name.
+/// Drops channels that are the time or count rows, unless a channel was asked for by name.
 fn without_ramps(signals: Vec<Signal>, how: &How, notes: &mut Vec<String>) -> Vec<Signal> {
     if !how.channels.is_empty() || signals.len() < 2 {
         return signals;
     }
-    let (counts, rest): (Vec<Signal>, Vec<Signal>) = signals.into_iter().partition(ramp::is_ramp);
-    notes.extend(
-        counts
-            .iter()
-            .map(|signal| format!("left out: {} rises evenly", super::asked::told(signal))),
-    );
+    let (counts, rest): (Vec<Signal>, Vec<Signal>) = signals.into_iter().partition(ramp::is_time);
+    notes.extend(counts.iter().map(|signal| {
+        format!(
+            "left out: {} is the time, or rises as it does",
+            super::asked::told(signal)
+        )
+    }));
     rest
 }

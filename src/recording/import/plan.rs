@@ -61,6 +61,12 @@ impl Planned {
         self.values.iter().filter(|value| !value.is_finite()).count()
     }
 
+    /// The interpolation in words; `None` without one.
+    pub fn interpolation(&self) -> Option<String> {
+        let deviation_s = self.deviation_s.filter(|_| self.is_resampled)?;
+        Some(format!("interpolated up to {deviation_s:.2e} s from a stamp"))
+    }
+
     /// Field of a message that holds the samples.
     pub fn field(&self, encoding: Encoding) -> &'static str {
         encoding.samples_field(matches!(self.layout, Layout::Batch(_)))
@@ -124,6 +130,7 @@ impl Plan {
         let told = told(&signal);
         let says_start = asked.start.is_some() || super::has_start(&signal);
         let mut values = signal.values;
+        let most = MOST_VALUES.saturating_sub(self.channels.iter().map(|c| c.values.len()).sum());
         let (fs_hz, stretches, deviation_s) = match &signal.timing {
             Timing::Stamps(stamps) => {
                 let is_motion = !unit.is_some_and(|unit| Unit::TEMPERATURE.contains(&unit));
@@ -135,8 +142,6 @@ impl Plan {
                 let base_ns = base(stamps, asked, &told)?;
                 let grid = match asked.resample_hz {
                     Some(fs_hz) => {
-                        let most =
-                            MOST_VALUES.saturating_sub(self.channels.iter().map(|c| c.values.len()).sum());
                         let (grid, resampled) = grid::resample(stamps, &values, fs_hz, most)?;
                         values = resampled;
                         grid
@@ -155,6 +160,13 @@ impl Plan {
                 };
                 // The stretches between uneven stamps' longer intervals give no rate: the record measures it.
                 let is_even = grid.stretches.len() < values.len().max(2);
+                if !grid.holes.is_empty() {
+                    let end = grid.stretches.last().map_or(0, |stretch| stretch.samples.end);
+                    if end > most {
+                        return Err(ImportError::too_long());
+                    }
+                    values = grid.filled(values);
+                }
                 if asked.resample_hz.is_none() && is_even {
                     agree(grid.fs_hz, asked.rate_hz, &told)?;
                 }

@@ -1,6 +1,6 @@
 //! Columns that rise evenly: stamps without a name, or a count of the rows.
 
-use super::{ImportError, Signal, Timing};
+use super::{ImportError, Signal, Timing, is_time_name};
 use crate::recording::read::contents::rounded;
 
 /// Number of rows from which a rise is no accident.
@@ -34,9 +34,9 @@ pub(super) fn ramp(values: &[f64]) -> Option<Ramp> {
     })
 }
 
-/// True if a channel without stamps rises evenly, as time does.
-pub(super) fn is_ramp(signal: &Signal) -> bool {
-    signal.timing == Timing::Unknown && ramp(&signal.values).is_some()
+/// True if a channel without stamps is called the time, or rises evenly as time does.
+pub(super) fn is_time(signal: &Signal) -> bool {
+    signal.timing == Timing::Unknown && (is_time_name(&signal.name) || ramp(&signal.values).is_some())
 }
 
 /// Returns an error if a column of the file contradicts the rate. A count of the rows contradicts nothing.
@@ -52,7 +52,7 @@ pub(super) fn agree<'s>(
             continue;
         };
         let is_count = signal.values.iter().all(|value| value.fract() == 0.0) && step == 1.0;
-        let is_said = [1.0, 1e3, 1e6, 1e9]
+        let is_said = [1.0, 1e3, 1e6, 1e9, 1.0 / 60.0, 1.0 / 3600.0, 1.0 / 86_400.0]
             .iter()
             .any(|units| (units / step / rate_hz - 1.0).abs() <= tolerance);
         if !is_count && !is_said {
@@ -96,6 +96,7 @@ mod tests {
         assert_eq!(agree(&rising(5.0), 200.0), Ok(()));
         assert_eq!(agree(&rising(1.0), 200.0), Ok(()));
         assert!(agree(&rising(2.0), 200.0).is_err());
+        assert_eq!(agree(&rising(0.005 / 86_400.0), 200.0), Ok(()));
     }
 
     #[test]

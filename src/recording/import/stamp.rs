@@ -8,6 +8,8 @@ use jiff::tz::Offset;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "daemon", derive(clap::ValueEnum))]
 pub enum TimeUnit {
+    /// Days; numbers of the size of a day from 2001 to 2096 are a spreadsheet's, which count from 30 December 1899.
+    D,
     /// Hours.
     H,
     /// Minutes.
@@ -46,6 +48,7 @@ impl TimeUnit {
     /// Factor and exponent of ten from this unit to nanoseconds.
     fn factor(self) -> (i128, i32) {
         match self {
+            Self::D => (864, 11),
             Self::H => (36, 11),
             Self::Min => (6, 10),
             Self::S => (1, 9),
@@ -64,6 +67,8 @@ impl TimeUnit {
     /// Unit that a head names.
     pub fn of(text: &str) -> Option<Self> {
         match text.trim() {
+            // "d" is the name of many a column of motion.
+            "day" | "days" => Some(Self::D),
             "h" | "hr" | "hour" | "hours" => Some(Self::H),
             "min" | "minute" | "minutes" => Some(Self::Min),
             "s" | "sec" | "S" | "second" | "seconds" => Some(Self::S),
@@ -112,7 +117,7 @@ pub(super) fn number(text: &str, unit: TimeUnit) -> Option<Written> {
     };
     let nanos = i64::try_from(nanos).ok()?;
     Some(Written {
-        nanos: if negative { -nanos } else { nanos },
+        nanos: since_1970(if negative { -nanos } else { nanos }, unit),
         resolution_ns: ten(power.max(0))
             .and_then(|step| i64::try_from(step.checked_mul(factor)?).ok())
             .unwrap_or(1),
@@ -155,6 +160,23 @@ pub(super) fn likely_unit(value: f64) -> TimeUnit {
         .unwrap_or(TimeUnit::S)
 }
 
+/// Days from 2001 to 2096, and the first of 1970, as spreadsheets count them.
+const SHEET_DAYS: std::ops::Range<f64> = 36_892.0..71_954.0;
+const SHEET_1970_NS: i64 = 25_569 * DAY_NS;
+const DAY_NS: i64 = 86_400_000_000_000;
+
+/// True if numbers of which nobody said the unit are days of a spreadsheet: of a day's size, and as seconds of more than 1 MHz, which is no
+/// guess.
+pub(super) fn are_sheet_days(first: f64, next: f64) -> bool {
+    SHEET_DAYS.contains(&first) && (0.0..1e-6).contains(&(next - first))
+}
+
+/// Nanoseconds since 1970 of a spreadsheet's day; others as they are.
+fn since_1970(nanos: i64, unit: TimeUnit) -> i64 {
+    let is_sheets = unit == TimeUnit::D && SHEET_DAYS.contains(&(nanos as f64 / DAY_NS as f64));
+    if is_sheets { nanos - SHEET_1970_NS } else { nanos }
+}
+
 /// Least number that counts from 1970: 10^9 s, in September 2001.
 pub(super) const SINCE_2001: i64 = 1_000_000_000_000_000_000;
 
@@ -164,18 +186,23 @@ pub(super) fn from_numbers(
     values: &[f64],
     said: Option<TimeUnit>,
 ) -> Result<Stamps, ImportError> {
-    let unit = said.unwrap_or_else(|| values.first().map_or(TimeUnit::S, |first| likely_unit(*first)));
+    let unit = said.unwrap_or_else(|| match values {
+        [first, next, ..] if are_sheet_days(*first, *next) => TimeUnit::D,
+        [first, ..] => likely_unit(*first),
+        [] => TimeUnit::S,
+    });
     let in_nanos = |value: &f64| {
         let nanos = (value * unit.nanos()).round();
-        (nanos.abs() < 9.2e18).then_some(nanos as i64)
+        (nanos.abs() < 9.2e18).then_some(since_1970(nanos as i64, unit))
     };
     let nanos: Option<Vec<i64>> = values.iter().map(in_nanos).collect();
     let nanos =
         nanos.ok_or_else(|| ImportError::at(name, "holds a time that is not finite, or beyond 292 years"))?;
     // Doubles near 1.8e9 s are a quarter of a microsecond apart.
-    let largest = nanos
+    let largest = values
         .iter()
-        .fold(0, |largest: u64, nano| largest.max(nano.unsigned_abs()));
+        .fold(0.0, |largest: f64, value| largest.max(value.abs()));
+    let largest = (largest * unit.nanos()) as u64;
     Ok(Stamps {
         absolute: nanos.first().is_some_and(|first| *first >= SINCE_2001),
         resolution_ns: (largest >> 52).max(1) as i64,
@@ -350,6 +377,28 @@ mod tests {
         ] {
             assert_eq!(nanos(bad, TimeUnit::S), None, "{bad}");
         }
+    }
+
+    #[test]
+    fn days_of_a_spreadsheet_are_dates() {
+        let six = 1_772_344_800_000_000_000;
+        let sheet = number("46082.25", TimeUnit::D).unwrap();
+        assert_eq!((sheet.nanos, sheet.resolution_ns), (six, DAY_NS / 100));
+        assert_eq!(number("0.5", TimeUnit::D).unwrap().nanos, DAY_NS / 2);
+        let days = [
+            46_082.25,
+            46_082.25 + 0.004 / 86_400.0,
+            46_082.25 + 0.008 / 86_400.0,
+        ];
+        let stamps = from_numbers("t", &days, None).unwrap();
+        assert!(stamps.absolute && stamps.says_unit && stamps.nanos[0] == six);
+        assert!((stamps.nanos[1] - six - 4_000_000).abs() < 1000);
+        // Half a day of seconds at 1 kHz.
+        assert!(
+            !from_numbers("t", &[46_082.25, 46_082.251], None)
+                .unwrap()
+                .absolute
+        );
     }
 
     #[test]

@@ -105,6 +105,14 @@ impl Columns {
             // Heads of date columns have other words: "UTC", "local".
             (None, Some(head)) => TimeUnit::of(head).map(Some).ok_or_else(|| head.to_owned()),
         };
+        let time_unit = match (time_unit, &time[..]) {
+            (Ok(None), [place]) => {
+                let of = |row: usize| number(rows.get(row)?.get(*place)?, decimal_comma);
+                let pair = of(layout.first).zip(of(layout.first + 1));
+                Ok(pair.and_then(|(first, next)| stamp::are_sheet_days(first, next).then_some(TimeUnit::D)))
+            }
+            (time_unit, _) => time_unit,
+        };
         let mut skipped = Vec::new();
         let mut places: Vec<(usize, bool)> = Vec::new();
         for wanted in &table.columns {

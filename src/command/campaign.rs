@@ -143,7 +143,7 @@ impl Display for Tally {
     }
 }
 
-/// What became of an event.
+/// Fate of an event.
 pub enum Became {
     /// It was there before.
     Known,

@@ -41,7 +41,7 @@ pub struct Taken {
     pub row: RecordRow,
     /// Verdict of tracking.
     pub verdict: Verdict,
-    /// What it was taken as where its motion had a row already: a refusal.
+    /// Refusal that it was taken as where its motion had a row already.
     pub late: Option<Outcome>,
 }
 

@@ -148,7 +148,7 @@ fn until_ready(example: &str, word: &str) -> String {
 /// Runs an example beside a service, which is waited for and stopped: both must end well.
 fn beside(service: &str, ready: &str, example: &str) -> String {
     format!(
-        "log=$(mktemp ./log.XXXX)
+        "log=$(mktemp -p .)
          ({service}\n) >$log 2>&1 & pid=$!
          for try in $(seq 600); do {ready} && break; kill -0 $pid 2>/dev/null || break; sleep 0.1; done
          {ready} || {{ cat $log; kill -TERM $pid; exit 91; }}

@@ -18,7 +18,7 @@ const OVERLAP_NS: u64 = 1_000_000_000;
 /// A file, or its pieces in another order.
 pub(super) struct InOrder<R> {
     input: R,
-    /// What is left to read after the piece under way.
+    /// Pieces left to read after the one under way.
     pieces: VecDeque<Piece>,
     /// Bytes left of the piece under way.
     left: u64,

@@ -10,9 +10,9 @@ use crate::signal::spectrum::{
     Peak, PeakSettings, Spectrum, Transforms, Welch, WelchError, WelchSettings, Window, pick_peaks,
 };
 
-/// Fewest periods of a frequency in a record for it to be searched.
 /// Half-power half-width in lines of the record below which a masked peak counts as a tone.
 const TONE_LINES: f64 = 0.4;
+/// Fewest periods of a frequency in a record for it to be searched.
 const LEAST_PERIODS: f64 = 15.0;
 /// Least probability of an assignment that shows the rod to be in view.
 const LIKELY: f64 = 0.1;

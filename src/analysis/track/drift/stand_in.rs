@@ -86,7 +86,7 @@ struct Day {
     loss: f64,
     /// Slopes of the other rods \[1/K\]; `None` if one is configured and not measured.
     others: Vec<(&'static str, Option<f64>)>,
-    /// What each of them shows.
+    /// Change that each of them shows.
     moved: Option<Moved>,
 }
 

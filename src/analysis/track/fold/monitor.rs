@@ -80,8 +80,7 @@ pub(crate) fn tell_ahead(tracker: &mut Tracker, others: &Others, time: Timestamp
     watch(&mut ahead, &mut period, others);
     look_at_finding(&mut ahead, &period, others, time);
     // What shows only relative to the others waits until they have their say on the period.
-    let shows_alone = |watch: &DriftWatch| watch.shows_alone();
-    if ahead.state.drifts() && ahead.state.watch.get().is_some_and(shows_alone) {
+    if ahead.state.drifts() && ahead.state.watch.get().is_some_and(DriftWatch::shows_alone) {
         tracker.state.alarms = ahead.state.alarms;
         tracker.state.watches = ahead.state.watches;
         tracker.news = ahead.news;

@@ -556,7 +556,7 @@ fn told_of(fake: &Fake, kind: &str) -> Vec<(String, String)> {
 }
 
 /// The daemon's conditions are sent to every sink, whatever alarms it wants: begin and end, once each, across
-/// kills.
+/// kills. Each kill comes after the delivery is kept: before that a sink is told again, with the same id.
 #[test]
 fn a_condition_is_a_message_through_every_sink() {
     let (site, fake) = (daemon_site(), Fake::new(&[]));
@@ -572,6 +572,10 @@ fn a_condition_is_a_message_through_every_sink() {
         (&"".into(), &true.into()),
         "{begun}"
     );
+    daemon.wait("the delivery is kept", |_| {
+        let reader = Reader::open(&site.path("site.db")).unwrap();
+        reader.delivered("office/conditions").unwrap() == Some(reader.latest_notice().unwrap())
+    });
     for _ in 0..3 {
         drop(daemon);
         daemon = Daemon::ready(&site);

@@ -215,6 +215,16 @@ def tones(rng):
     return scene
 
 
+def tone_beside(rng):
+    """A steady tone 0.4 to 5 % from a mode, a tenth to a hundred times its power."""
+    scene = base(rng)
+    beside = int(rng.randint(0, 3))
+    off = float(rng.choice([-1, 1])) * even_in_log(rng, 0.004, 0.05)
+    hz = scene.rod.modes[beside].frequency_hz * (1 + off)
+    scene.tones = [Tone(hz, between(rng, -10, 20), beside=beside)]
+    return scene
+
+
 def coarse(rng):
     """A coarse converter: steps of a tenth to the whole of the standard deviation, ambient or decaying."""
     scene = base(rng) if rng.random_sample() < 0.5 else decay_at_0(rng)
@@ -333,7 +343,7 @@ def other_rod(rng):
 
 WITH_ROD = (
     white, gusts_06, gusts_12, knocks, decay_at_0, clean_decay_at_0, pull, pulls, blow_in_ambient, triggered, many_modes,
-    laboratory, strings, midspan, first_missing, foreign_1, foreign_3, foreign_near, neighbour, tones, coarse, drift,
+    laboratory, strings, midspan, first_missing, foreign_1, foreign_3, foreign_near, neighbour, tones, tone_beside, coarse, drift,
     late_block, jitter, lost, force_change, softening, slack, slender, stocky, soft_supports, clamped, heavy, two_modes, one_mode,
 )  # fmt: skip
 WITHOUT = (no_rod, other_rod)

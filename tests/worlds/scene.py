@@ -39,12 +39,14 @@ class Foreign:
 
 @dataclass
 class Tone:
-    """A sinusoid, `level_db` over the peak of the strongest mode; its amplitude breathes with sd `breath` of the logarithm."""
+    """A sinusoid, `level_db` over the peak of the strongest mode, or over the power of the mode `beside` (0 is the first); its amplitude
+    breathes with sd `breath` of the logarithm."""
 
     frequency_hz: float
     level_db: float
     breath: float = 0.0
     breath_s: float = 10.0
+    beside: int | None = None
 
 
 @dataclass
@@ -178,7 +180,11 @@ def render(scene, rng):
         wave = np.cos(2 * math.pi * tone.frequency_hz * times[lead:] + rng.uniform(0, 2 * math.pi))
         if tone.breath > 0:
             wave *= response.gusts(count, fs_hz, tone.breath, tone.breath_s, rng)
-        wave *= math.sqrt(strongest / spectra.peak(wave, scene, tone.frequency_hz)) * 10 ** (tone.level_db / 20)
+        if tone.beside is None:
+            wave *= math.sqrt(strongest / spectra.peak(wave, scene, tone.frequency_hz))
+        else:
+            wave *= float(np.std(parts[tone.beside])) / float(np.std(wave))
+        wave *= 10 ** (tone.level_db / 20)
         total = total + wave
         foreign_hz.append(tone.frequency_hz)
     scale = scene.sd_si / max(float(np.std(total)), 1e-300)

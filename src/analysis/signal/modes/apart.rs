@@ -24,7 +24,7 @@ impl Stretch<'_> {
             let taken = 1 + usize::from(next.is_some());
             let others: Vec<Fit> = fits[..n].iter().chain(&fits[n + taken..]).copied().collect();
             match self.pair(fit, next, &others) {
-                Pair::Two(members, share) => {
+                Pair::Two { members, share, .. } => {
                     found.extend(next.map_or_else(
                         || split(fit, members, share),
                         |next| {
@@ -52,7 +52,7 @@ impl Stretch<'_> {
     }
 
     /// Decides if a fit, alone or with the next one, is two modes.
-    fn pair(&self, fit: &Fit, next: Option<&Fit>, others: &[Fit]) -> Pair {
+    pub(super) fn pair(&self, fit: &Fit, next: Option<&Fit>, others: &[Fit]) -> Pair {
         if fit.start == Start::Free || fit.resonance.line {
             return Pair::One;
         }

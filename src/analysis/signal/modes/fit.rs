@@ -9,6 +9,7 @@ use super::softened::Softened;
 use super::softening::Softening;
 use super::subband::{Pole, Subband};
 use super::tone::{Tone, tone};
+use super::tone_beside::SteadyTone;
 use super::{Mask, Resonance};
 use crate::numerics::optimum::golden;
 use crate::signal::spectrum::Transforms;
@@ -92,6 +93,8 @@ pub struct Stretch<'a> {
     pub beginning: Beginning,
     /// Bands that are left out.
     pub masks: &'a [Mask],
+    /// Steady tones that were subtracted from the samples.
+    pub tones: &'a [SteadyTone],
     /// Line distance of the spectrum the peaks were picked from \[Hz\].
     pub line_hz: f64,
     /// Half the sample rate \[Hz\].
@@ -127,33 +130,39 @@ impl Stretch<'_> {
 
     /// Fits of the resonances found, each with all others taken into account, with their errors.
     pub fn with_errors(&self, places: &[Option<Place>]) -> Vec<Option<Fit>> {
-        let fits: Vec<(usize, Fit)> = places
+        let mut fits: Vec<Option<Fit>> = places
             .iter()
-            .enumerate()
-            .filter_map(|(n, place)| Some((n, place.as_ref()?.fit)))
+            .map(|place| place.as_ref().map(|place| place.fit))
             .collect();
-        places
-            .iter()
-            .enumerate()
-            .map(|(n, place)| {
-                let place = place.as_ref()?;
-                let others: Vec<Fit> = fits
-                    .iter()
-                    .filter(|(m, _)| *m != n)
-                    .map(|(_, fit)| *fit)
-                    .collect();
-                if self.disturbed(&place.fit, &others) {
-                    let aim = Aim {
-                        peak_hz: place.fit.parameters.frequency_hz,
-                        before: Some(place.fit.parameters),
-                    };
-                    let level = Some(place.fit.value.noise);
-                    self.judged(&self.maximum(aim, place.found.start, &others, level)?, &others)
-                } else {
-                    self.judged(&place.found, &others)
-                }
-            })
-            .collect()
+        let mut judged = Vec::with_capacity(places.len());
+        for (n, place) in places.iter().enumerate() {
+            let others: Vec<Fit> = fits
+                .iter()
+                .enumerate()
+                .filter(|(m, _)| *m != n)
+                .filter_map(|(_, fit)| *fit)
+                .collect();
+            let fit = place.as_ref().and_then(|place| self.with_error(place, &others));
+            // A fit that was made alone may have spanned a tone and a mode. The mode is judged beside the tone, not beside the span;
+            // and beside nothing that is none.
+            if fit.is_none_or(|fit| fit.resonance.line) {
+                fits[n] = fit;
+            }
+            judged.push(fit);
+        }
+        judged
+    }
+
+    fn with_error(&self, place: &Place, others: &[Fit]) -> Option<Fit> {
+        if !self.disturbed(&place.fit, others) {
+            return self.judged(&place.found, others);
+        }
+        let aim = Aim {
+            peak_hz: place.fit.parameters.frequency_hz,
+            before: Some(place.fit.parameters),
+        };
+        let level = Some(place.fit.value.noise);
+        self.judged(&self.maximum(aim, place.found.start, others, level)?, others)
     }
 
     /// Time series of a resonance, less the transients of the others and all that is smooth across its band;
@@ -249,14 +258,26 @@ impl Stretch<'_> {
         Some(fit)
     }
 
+    /// True if twice a log-likelihood gain over noise is more than the search over all lines finds by chance.
+    pub(super) fn is_evident(&self, gain: f64) -> bool {
+        let lines_searched = self.nyquist_hz * self.coefficients.duration_s;
+        gain > LEAST_EVIDENCE + 2.0 * lines_searched.ln()
+    }
+
+    /// Bands whose lines no fit uses: masks, and the lines of subtracted tones.
+    pub(super) fn left_out(&self) -> impl Iterator<Item = Mask> {
+        let duration_s = self.coefficients.duration_s;
+        let cores = self.tones.iter().map(move |tone| tone.core(duration_s));
+        self.masks.iter().copied().chain(cores)
+    }
+
     /// Fit at parameters `p`, or `None` if noise explains the peak as well.
     fn credible(&self, found: &Found, p: Parameters, sd: f64, log_sd: f64) -> Option<Fit> {
         let band = &found.band;
         let value = likelihood::resonance(band, found.start, &p)?;
         let noise = likelihood::noise_only(band, p.slope)?.max(likelihood::noise_only(band, 0.0)?);
         let evidence = 2.0 * (value.log_profile - noise);
-        let lines_searched = self.nyquist_hz * band.duration_s;
-        if !(evidence > LEAST_EVIDENCE + 2.0 * lines_searched.ln() && sd.is_finite()) {
+        if !(self.is_evident(evidence) && sd.is_finite()) {
             return None;
         }
         let damping = p.log_damping.exp();

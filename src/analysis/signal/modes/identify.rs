@@ -3,17 +3,20 @@
 use super::label::{LabelPlan, Labelling, Unlabelled};
 use super::parts::Parts;
 use super::refine::{Search, refine};
-use super::{Labels, Mask, Mode, Motion, MotionKind, Resonance};
+use super::{Labels, Mask, Mode, Motion, MotionKind, Resonance, SteadyTone};
 use crate::signal::record::rejection::UNDERSAMPLED;
 use crate::signal::record::{Record, Rejection};
 use crate::signal::spectrum::{
     Peak, PeakSettings, Spectrum, Transforms, Welch, WelchError, WelchSettings, Window, pick_peaks,
 };
+use std::borrow::Cow;
 
 /// Half-power half-width in lines of the record below which a masked peak counts as a tone.
 const TONE_LINES: f64 = 0.4;
 /// Fewest periods of a frequency in a record for it to be searched.
 const LEAST_PERIODS: f64 = 15.0;
+/// Steady tones beside modes that are taken out of one record.
+const MOST_TONES: usize = 8;
 /// Least probability of an assignment that shows the rod to be in view.
 const LIKELY: f64 = 0.1;
 /// Highest frequency searched, as a share of the sample rate.
@@ -213,41 +216,73 @@ impl PeakSearch {
         let nperseg = self.welch.nperseg(record.fs_hz, n);
         let welch = self.welch(record.fs_hz, nperseg).map_err(too_short)?;
         let spectrum = welch.run(&record.samples).map_err(too_short)?;
-        let mut peaks = pick_peaks(&spectrum, &self.peaks, low_hz, high_hz);
+        let picked = |record: &Record, spectrum: &Spectrum| self.picked(record, spectrum, low_hz, high_hz);
+        let (mut parts, mut peaks) = picked(record, &spectrum).map_err(too_short)?;
+        let refined =
+            |record: &Record, peaks: &[Peak], parts: &Parts, masks: &[Mask], tones: &[SteadyTone]| {
+                let search = Search {
+                    masks,
+                    tones,
+                    line_hz: spectrum.df_hz,
+                    parts,
+                };
+                refine(&self.transforms, record, peaks, &search)
+            };
+        let mut found = refined(record, &peaks, &parts, &[], &[]);
+        // Without the tones beside its modes the record shows other peaks.
+        let mut tones: Vec<SteadyTone> = Vec::new();
+        let mut cleaned = Cow::Borrowed(record);
+        while !found.tones.is_empty() && tones.len() < MOST_TONES {
+            for tone in &found.tones {
+                tone.subtract_from(&mut cleaned.to_mut().samples, record.fs_hz);
+            }
+            tones.append(&mut found.tones);
+            let spectrum = welch.run(&cleaned.samples).map_err(too_short)?;
+            (parts, peaks) = picked(&cleaned, &spectrum).map_err(too_short)?;
+            add_beside(&mut peaks, &tones, spectrum.df_hz);
+            found = refined(&cleaned, &peaks, &parts, &[], &tones);
+        }
+        let left_out = self.left_out(&found.resonances, record.duration_s());
+        if !left_out.is_empty() {
+            peaks.retain(|peak| !left_out.iter().any(|mask| mask.contains(peak.frequency_hz)));
+            found = refined(&cleaned, &peaks, &parts, &left_out, &tones);
+        }
+        let is_masked = |r: &Resonance| self.masks.iter().any(|mask| mask.contains(r.frequency_hz));
+        let mut resonances = found.resonances;
+        resonances.extend(tones.iter().map(|tone| tone.resonance));
+        resonances.retain(|r| !is_masked(r));
+        resonances.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+        Ok(Evidence {
+            spectrum,
+            resonances,
+            motion: found.motion,
+        })
+    }
+
+    /// Parts of a record and the peaks of its spectrum.
+    fn picked(
+        &self,
+        record: &Record,
+        spectrum: &Spectrum,
+        low_hz: f64,
+        high_hz: f64,
+    ) -> Result<(Parts, Vec<Peak>), WelchError> {
+        let mut peaks = pick_peaks(spectrum, &self.peaks, low_hz, high_hz);
         let strongest = peaks.iter().max_by(|a, b| a.height_db.total_cmp(&b.height_db));
         let parts = Parts::of(record, strongest.map(|peak| peak.frequency_hz));
         if !parts.releases.is_empty() {
             // A segment across an onset has skirts, and peaks on them, that no mode made.
             let part = &record.samples[parts.main.from..parts.main.to];
             let nperseg = self.welch.nperseg(record.fs_hz, part.len());
-            let clean = self
-                .welch(record.fs_hz, nperseg)
-                .and_then(|welch| welch.run(part));
-            peaks = pick_peaks(&clean.map_err(too_short)?, &self.peaks, low_hz, high_hz);
+            let clean = self.welch(record.fs_hz, nperseg)?.run(part)?;
+            peaks = pick_peaks(&clean, &self.peaks, low_hz, high_hz);
         }
         if let Some(decay) = parts.decay(&record.samples) {
             for stretch_s in DECAY_STRETCHES_S {
                 self.add_decay_peaks(&mut peaks, record.fs_hz, decay, stretch_s, (low_hz, high_hz));
             }
         }
-        let search = |masks| Search {
-            masks,
-            line_hz: spectrum.df_hz,
-            parts: &parts,
-        };
-        let mut refined = refine(&self.transforms, record, &peaks, &search(&[]));
-        let left_out = self.left_out(&refined.resonances, record.duration_s());
-        if !left_out.is_empty() {
-            peaks.retain(|peak| !left_out.iter().any(|mask| mask.contains(peak.frequency_hz)));
-            refined = refine(&self.transforms, record, &peaks, &search(&left_out));
-        }
-        let is_masked = |r: &Resonance| self.masks.iter().any(|mask| mask.contains(r.frequency_hz));
-        refined.resonances.retain(|r| !is_masked(r));
-        Ok(Evidence {
-            spectrum,
-            resonances: refined.resonances,
-            motion: refined.motion,
-        })
+        Ok((parts, peaks))
     }
 
     /// Masks whose lines are left out of every fit: those without a resonance. The skirts of one reach beyond its mask, and its
@@ -303,6 +338,23 @@ impl PeakSearch {
             }
         }
         peaks.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+    }
+}
+
+/// Adds the resonances beside tones where no peak shows them: a tone that was on one leaves a dent.
+fn add_beside(peaks: &mut Vec<Peak>, tones: &[SteadyTone], line_hz: f64) {
+    for tone in tones {
+        let (hz, half_width_hz) = tone.beside_hz;
+        let near_hz = (2.0 * line_hz).max(3.0 * half_width_hz);
+        let is_there = |peak: &Peak| (peak.frequency_hz - hz).abs() < near_hz;
+        if !peaks.iter().any(is_there) {
+            peaks.push(Peak {
+                line: (hz / line_hz).round() as usize,
+                frequency_hz: hz,
+                prominence_db: 0.0,
+                height_db: 0.0,
+            });
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! The likelihood's maximum at a peak, with the band and the start that fit it.
 
+use super::Mask;
 use super::band::Band;
 use super::fit::{Aim, Fit, HALF_WIDTHS, LEAST_LINES, Stretch, pull, skirt};
 use super::likelihood::{self, Parameters, Start};
@@ -20,7 +21,7 @@ const START_EXCESS: f64 = 4.0;
 /// stay a factor of ten below.
 const SURE_EXCESS: f64 = 1000.0;
 /// Damping that the first band of a peak is made for.
-const FIRST_DAMPING: f64 = 0.01;
+pub(super) const FIRST_DAMPING: f64 = 0.01;
 /// Log-posterior gain a free start must bring.
 const FREE_GAIN: f64 = 10.0;
 
@@ -155,7 +156,8 @@ impl Stretch<'_> {
             false => CELL * (f - centre).abs().max(core),
             true => 0.0,
         };
-        let mut band = self.coefficients.band(low, high, self.masks, width);
+        let left_out: Vec<Mask> = self.left_out().collect();
+        let mut band = self.coefficients.band(low, high, &left_out, width);
         let level = level.unwrap_or_else(|| band.quiet_level());
         for other in others {
             subtract(&mut band, other, level);
@@ -216,7 +218,7 @@ impl Stretch<'_> {
     }
 
     /// Best point of a coarse grid of parameters around a picked peak.
-    fn start(&self, band: &Band, peak_hz: f64, start: Start) -> Option<Parameters> {
+    pub(super) fn start(&self, band: &Band, peak_hz: f64, start: Start) -> Option<Parameters> {
         let near = 1.5 * self.line_hz;
         let highest = band
             .cells()
@@ -263,7 +265,7 @@ impl Stretch<'_> {
     }
 
     /// Maximum of the posterior near `from`.
-    fn climb(&self, band: &Band, from: Parameters, start: Start) -> Option<Optimum> {
+    pub(super) fn climb(&self, band: &Band, from: Parameters, start: Start) -> Option<Optimum> {
         let gamma = from.log_damping.exp() * from.frequency_hz;
         let reach = [gamma.max(0.5 / band.duration_s), 1.0, 2.0, 1.0];
         maximise(
@@ -330,7 +332,7 @@ impl Stretch<'_> {
 
 /// Removes another mode from a band: its transient (free decays) from the coefficients, its random skirt into
 /// the shape of the noise floor, of which `level` is the height without it.
-fn subtract(band: &mut Band, other: &Fit, level: f64) {
+pub(super) fn subtract(band: &mut Band, other: &Fit, level: f64) {
     band.for_each(|cell| {
         if other.start == Start::Free {
             // The cells beside a free decay hold one line each.

@@ -18,11 +18,13 @@ pub mod softened;
 pub mod softening;
 pub mod subband;
 mod tone;
+mod tone_beside;
 
 pub use identify::{Evidence, ModalEstimate, ModalPlan, PeakSearch, Unidentified, searchable_hz};
 pub use label::{LabelPlan, Labelling, Unlabelled};
 pub use parts::Parts;
 pub use refine::{Refinement, Search, refine};
+pub use tone_beside::SteadyTone;
 
 use serde::{Deserialize, Serialize};
 

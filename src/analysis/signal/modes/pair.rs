@@ -4,6 +4,7 @@
 //! the likelihood exactly, whatever the record's length. One mode is the same with the second force at zero, so
 //! that the gain over it decides if there are two.
 
+use super::likelihood::damping_log_prior;
 use super::subband::{LEAST_SAMPLES, Pole, Subband};
 use nalgebra::{DMatrix, DVector};
 use rustfft::num_complex::Complex;
@@ -52,8 +53,15 @@ pub enum Pair {
     One,
     /// Perhaps there are two; the standard error \[Hz\] that this adds to the single fit's frequency.
     Open(f64),
-    /// Two modes, in the order of the guess, and the second's peak power over the first's.
-    Two([Member; 2], f64),
+    /// Two modes, in the order of the guess.
+    Two {
+        /// The modes.
+        members: [Member; 2],
+        /// The second's peak power over the first's.
+        share: f64,
+        /// Twice the log-likelihood gain over one mode.
+        gain: f64,
+    },
 }
 
 /// Judges a series that `single` was fitted to, with `noise` over the power of its innovations; `guess` are the poles
@@ -149,7 +157,7 @@ pub fn pair(series: &Subband, single: Pole, noise: f64, guess: Option<[Pole; 2]>
     if guess.is_none() && apart > BESIDE {
         Pair::Open(a.min(b) / NEAR_SHARE)
     } else if gain > CERTAIN && sane {
-        Pair::Two(members, share)
+        Pair::Two { members, share, gain }
     } else if gain > OPEN {
         Pair::Open(a.max(b) / FAR_SHARE)
     } else {
@@ -170,10 +178,9 @@ fn log_posterior(series: &Subband, x: &[f64; PARAMETERS]) -> Option<f64> {
     {
         return None;
     }
-    let prior = |z: f64| -0.5 * ((z + 5.116) / 1.7f64).powi(2);
     let forces = [1.0, x[4].exp()];
     let value = filter(series, [pole(x[0], x[1]), pole(x[2], x[3])], forces, x[5].exp())?;
-    Some(value + prior(x[1]) + prior(x[3]) - 0.5 * (x[4] / 4.0).powi(2))
+    Some(value + damping_log_prior(x[1]) + damping_log_prior(x[3]) - 0.5 * (x[4] / 4.0).powi(2))
 }
 
 /// Log likelihood of two modes with the given powers of force and noise, up to their common level.
@@ -234,8 +241,8 @@ fn best_single(series: &Subband, pole: Pole, noise: f64) -> f64 {
             frequency_hz: x[0],
             damping: x[1].exp(),
         };
-        let prior = -0.5 * ((x[1] + 5.116) / 1.7f64).powi(2);
-        filter(series, [pole, pole], [1.0, 0.0], x[2].exp()).map_or(f64::NEG_INFINITY, |v| v + prior)
+        filter(series, [pole, pole], [1.0, 0.0], x[2].exp())
+            .map_or(f64::NEG_INFINITY, |v| v + damping_log_prior(x[1]))
     };
     let x = [pole.frequency_hz, pole.damping.ln(), noise];
     let step = [0.2 * pole.damping * pole.frequency_hz, 0.2, 0.4];

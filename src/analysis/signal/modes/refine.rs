@@ -10,6 +10,7 @@ use super::likelihood::Start;
 use super::onsets::{Blow, blows};
 use super::parts::{Beginning, Part, Parts};
 use super::softening::Scale;
+use super::tone_beside::{Beside, SteadyTone};
 use super::{Mask, Motion, MotionKind, Resonance};
 use crate::signal::record::{Excitation, Record};
 use crate::signal::spectrum::{Peak, Transforms};
@@ -33,6 +34,8 @@ const BLOW_WIDTHS: f64 = 8.0;
 pub struct Search<'a> {
     /// Bands that are left out.
     pub masks: &'a [Mask],
+    /// Steady tones that were subtracted from the record.
+    pub tones: &'a [SteadyTone],
     /// Line distance of the spectrum the peaks were picked from \[Hz\].
     pub line_hz: f64,
     /// The parts of the record.
@@ -46,6 +49,8 @@ pub struct Refinement {
     pub resonances: Vec<Resonance>,
     /// Motion that was recognised.
     pub motion: Motion,
+    /// Steady tones beside resonances, which pull them: to be subtracted from the record before it is refined again.
+    pub tones: Vec<SteadyTone>,
 }
 
 /// Fits a resonance to the raw Fourier coefficients around each peak; peaks that turn out to be
@@ -77,6 +82,12 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
         Some(_) => Vec::new(),
     };
     let mut whole = stretch.with_errors(&places);
+    let beside = stretch.beside(&whole);
+    for (fit, beside) in whole.iter_mut().zip(&beside) {
+        if let (Some(fit), Beside::Open(sd_hz)) = (fit, beside) {
+            fit.resonance.frequency_sd_hz = fit.resonance.frequency_sd_hz.hypot(*sd_hz);
+        }
+    }
     // Only fits with their errors are classified as mode or tone.
     let judged: Vec<Fit> = whole.iter().flatten().copied().collect();
     let parts = work.parts(&weak);
@@ -138,6 +149,13 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
     Refinement {
         resonances,
         motion: work.motion(main, &judged, &weak),
+        tones: beside
+            .into_iter()
+            .filter_map(|beside| match beside {
+                Beside::Tone(tone) => Some(tone.begun(main.from as f64 / record.fs_hz)),
+                _ => None,
+            })
+            .collect(),
     }
 }
 
@@ -166,6 +184,7 @@ impl<'a> Work<'a> {
             coefficients: Coefficients::of(self.transforms, self.record.fs_hz, samples),
             beginning: part.beginning,
             masks: self.search.masks,
+            tones: self.search.tones,
             line_hz: self.search.line_hz,
             nyquist_hz: 0.5 * self.record.fs_hz,
         }

@@ -470,6 +470,34 @@ fn an_error_code_in_a_file_is_missing_data() {
     }
 }
 
+#[test]
+fn set_overrides_a_key_of_the_configuration() {
+    let cache = tempfile::tempdir().unwrap();
+    let look = |more: &[&str]| {
+        let words = ["spectrum", PULL, "--json"];
+        tirante(&cache, &[&words[..], more].concat())
+    };
+    let config = ["--config", "config/todi.toml"];
+    let orders = |output: &Output| {
+        let line = &json(output)[0];
+        let peaks = line["peaks"].as_array().unwrap().iter();
+        peaks.filter(|peak| peak["order"].is_u64()).count()
+    };
+    assert_eq!(orders(&look(&config)), 3);
+    assert_eq!(
+        orders(&look(&[&config[..], &["--set", "modes.count=2"]].concat())),
+        2
+    );
+    for (more, wanted) in [
+        ([&config[..], &["--set", "modes.cuont=2"]].concat(), "modes.cuont"),
+        (vec!["--set", "modes.count=2"], "--config"),
+    ] {
+        let output = look(&more);
+        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+        assert!(said(&output).contains(wanted), "{}", said(&output));
+    }
+}
+
 /// `--time` names a column; an array has none, and says so instead of asking for it again.
 #[test]
 fn a_format_without_columns_refuses_time() {

@@ -11,8 +11,8 @@ use crate::analysis::findings::motion_said;
 use crate::command::report_page;
 use crate::command::report_page::view::SpectrumReport;
 use crate::command::which_store::Output;
-use crate::config::Config;
 use crate::config::written::positive;
+use crate::config::{Config, Setting};
 use crate::recording::atomic::AtomicFile;
 use crate::recording::{import, read};
 use crate::site::ordered_map::{Limits, map_in_order};
@@ -48,6 +48,7 @@ const PAGE_RECORDS: usize = 100;
   tirante spectrum laser.mcap --html laser.html    # waveform and spectrum
   tirante spectrum /data/2026 --format json > peaks.jsonl
   tirante spectrum laser.mcap --config site.toml   # with the modes' orders
+  tirante spectrum laser.mcap --config site.toml --set modes.count=1
 
 What a peak is taken for:
   mode 2      with --config alone: the rod's second mode
@@ -83,6 +84,10 @@ pub struct Args {
     /// Configuration: use the records of its rods, with the orders of their modes.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+
+    /// Override one key of --config; may be repeated: `--set modes.count=1`.
+    #[arg(long = "set", value_name = "KEY=VALUE", requires = "config")]
+    pub settings: Vec<Setting>,
 
     /// Text or JSON.
     #[command(flatten)]
@@ -144,7 +149,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     {
         return Err(BadArguments(format!("--html {}: is the file to be looked at", page.display())).into());
     }
-    let config = args.config.as_deref().map(Config::load).transpose()?;
+    let resolve = |path| Config::resolve(Some(path), &args.settings);
+    let config = args.config.as_deref().map(resolve).transpose()?;
     let looker = Looker::new(
         config.as_ref(),
         args.band.unwrap_or(Band {

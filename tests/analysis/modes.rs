@@ -1259,6 +1259,50 @@ fn a_short_decay_after_a_pull_is_fitted_by_itself() {
     }
 }
 
+/// Blows at exactly even intervals while the rod still rings: the spectrum of the whole is a comb of lines at multiples of 1/4.3 Hz.
+#[test]
+fn blows_at_even_intervals_are_fitted_between_them() {
+    let damping = 0.003;
+    let plan = plan();
+    let (mut covered, mut all) = (0, 0);
+    for seed in 0..16 {
+        let mut rng = random::stream(seed, 31);
+        let mut record = scene(damping, 60.0, 40.0).record(seed);
+        record.samples.fill_with(|| 1e-2 * normal(&mut rng));
+        let blows: Vec<f64> = (0..14).map(|n| 1.0037 + 4.3 * f64::from(n)).collect();
+        for &at in &blows {
+            let size = 0.5 + rng.random::<f64>();
+            for (i, x) in record.samples.iter_mut().enumerate() {
+                let t = i as f64 / FS - at;
+                for (mode, f) in TODI.iter().enumerate().filter(|_| t >= 0.0) {
+                    let omega = 2.0 * PI * f;
+                    *x += size / (mode + 1) as f64 * (-damping * omega * t).exp() * (omega * t).sin();
+                }
+            }
+        }
+        let found = plan.search().evidence(&record, 2.0, 25.0).unwrap();
+        assert_eq!(found.motion.kind, MotionKind::FreeDecays);
+        let told = &found.motion.onsets_s;
+        assert_eq!(told.len(), blows.len(), "{told:?}");
+        assert!(
+            told.iter().zip(&blows).all(|(a, b)| (a - b).abs() < 0.03),
+            "{told:?}"
+        );
+        assert!(found.resonances.len() >= 2, "{:?}", found.resonances);
+        for r in &found.resonances {
+            let off = |f: &&f64| (r.frequency_hz - **f).abs();
+            let f = TODI.iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap();
+            let natural_hz = f / (1.0 - damping * damping).sqrt();
+            let z = (r.frequency_hz - natural_hz) / r.frequency_sd_hz;
+            assert!(z.abs() < 5.0, "{f}: {z} of {r:?}");
+            covered += usize::from(z.abs() < 1.96);
+            all += 1;
+        }
+    }
+    println!("{covered} of {all} within 1.96 errors");
+    assert!(10 * covered >= 8 * all, "{covered} of {all}");
+}
+
 /// A hum goes on from the first sample to the last, which a free start explains as well as a decay.
 #[test]
 fn ambient_motion_beside_a_hum_is_ambient() {

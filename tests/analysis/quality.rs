@@ -311,6 +311,145 @@ fn spikes_are_replaced_or_refused() {
     }
 }
 
+/// Ambient motion of unit deviation, a decay from 1, and both beside an offset, with a code far from them.
+fn with_codes(seed: u64) -> Vec<(Vec<f64>, f64)> {
+    let lifted = |samples: &[f64], by: f64| samples.iter().map(|x| x + by).collect::<Vec<f64>>();
+    let (hum, fall) = (
+        ambient(seed, 60.0, FS, 100.0),
+        decay(seed, 60.0, FS, 0.005, 1000.0),
+    );
+    vec![
+        (lifted(&hum, 50.0), 0.0),
+        (lifted(&fall, 6.0), 0.0),
+        (quantised(&hum, 0.25), -9999.0),
+        (hum, 32767.0),
+        (fall, -9999.0),
+    ]
+}
+
+#[test]
+fn error_codes_are_missing_samples() {
+    for seed in 0..8 {
+        for (clean, value) in with_codes(seed) {
+            for (runs, length) in [(1, 4), (1, 19), (6, 5), (30, 1), (3, 15)] {
+                let mut noise = Noise(seed + 31);
+                let mut samples = clean.clone();
+                let mut struck = vec![false; samples.len()];
+                for n in 0..runs {
+                    let at = 1000 + n * (samples.len() - 2000) / runs + (noise.uniform() * 100.0) as usize;
+                    samples[at..at + length].fill(value);
+                    struck[at..at + length].fill(true);
+                }
+                let record =
+                    only(run(&samples)).unwrap_or_else(|why| panic!("{value} {runs} x {length}: {why}"));
+                let lost = runs * length;
+                // Where a straight line meets the motion, a sample may stand out.
+                let (spikes, flags): (Vec<_>, Vec<_>) = record
+                    .flags
+                    .iter()
+                    .cloned()
+                    .partition(|flag| matches!(flag, Flag::Despiked { samples: 1 }));
+                assert_eq!(
+                    flags,
+                    [
+                        Flag::Filled { samples: lost },
+                        Flag::ErrorCode {
+                            value,
+                            runs,
+                            samples: lost
+                        }
+                    ]
+                );
+                let mut mended = 0;
+                for (i, (is, was)) in record.samples.iter().zip(&clean).enumerate() {
+                    assert!((is - was).abs() < 8.0, "{i}: {is} {was}");
+                    mended += usize::from(is != was && !struck[i]);
+                }
+                assert!(mended <= spikes.len(), "{mended}");
+            }
+        }
+    }
+}
+
+#[test]
+fn too_many_error_codes_are_refused_by_their_value() {
+    for seed in 0..8 {
+        for (clean, value) in with_codes(seed) {
+            // Short runs, more than `max_missing`; long ones with less than `min_duration_s` between them.
+            for (every, length) in [(200, 12), (1000, 100)] {
+                let mut samples = clean.clone();
+                for at in (700..samples.len() - 200).step_by(every) {
+                    samples[at..at + length].fill(value);
+                }
+                let refused = only(run(&samples)).unwrap_err();
+                let Rejection::ErrorCode {
+                    value: found,
+                    runs,
+                    time_s,
+                    share,
+                    allowed,
+                } = refused
+                else {
+                    panic!("{value} {every}: {refused}");
+                };
+                assert_eq!((found, time_s), (value, 700.0 / FS));
+                assert_eq!(runs, (samples.len() - 900).div_ceil(every));
+                assert!((share - (runs * length) as f64 / samples.len() as f64).abs() < 1e-12);
+                assert!(share > allowed);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_target_lost_for_long_splits_the_record() {
+    for (clean, value) in with_codes(4) {
+        let mut samples = clean.clone();
+        samples[..100].fill(value);
+        samples[5000..5060].fill(value);
+        let events = run(&samples);
+        let [Event::Record(first), Event::Record(second)] = &events[..] else {
+            panic!("{:?}", shown(&events));
+        };
+        assert!(first.samples == clean[100..5000] && second.samples == clean[5060..]);
+        let flag = |runs, samples| [Flag::ErrorCode { value, runs, samples }];
+        assert_eq!(first.flags, flag(2, 160));
+        assert_eq!(second.flags, flag(1, 60));
+    }
+}
+
+#[test]
+fn rods_held_by_a_rope_and_overloaded_sensors_give_no_error_code() {
+    let is_code = |flags: &[Flag]| flags.iter().any(|flag| matches!(flag, Flag::ErrorCode { .. }));
+    for seed in 0..8 {
+        for step in [0.002, 0.05, 0.4] {
+            // Pulled from 5 to 8 s, let go at 20 s; the coarse sensor shows one value in between.
+            let fall = decay(seed, 40.0, FS, 0.02, 1e4);
+            let pulled = (0..(60.0 * FS) as usize).map(|i| match i as f64 / FS {
+                t if t < 20.0 => 1.6 * ((t - 5.0) / 3.0).clamp(0.0, 1.0),
+                _ => fall[i - (20.0 * FS) as usize],
+            });
+            let samples = quantised(&pulled.collect::<Vec<f64>>(), step);
+            let record = only(run(&samples)).unwrap();
+            assert!(!is_code(&record.flags), "{step}: {:?}", record.flags);
+            assert!(record.samples == samples);
+        }
+        // Blows that overload the sensor for six samples, far beyond the motion that follows.
+        let mut noise = Noise(seed);
+        let mut samples: Vec<f64> = (0..(60.0 * FS) as usize).map(|_| 1e-3 * noise.normal()).collect();
+        for blow in 0..4 {
+            let at = (400.0 + 2900.0 * f64::from(blow) + 100.0 * noise.uniform()) as usize;
+            let left = (samples.len() - at) as f64 / FS;
+            for (sample, x) in samples[at..].iter_mut().zip(decay(seed + 9, left, FS, 0.01, 1e4)) {
+                *sample += x;
+            }
+            samples[at..at + 6].fill(30.0);
+        }
+        let refused = only(run(&samples)).unwrap_err();
+        assert_eq!(refused.code(), "clipped", "{refused}");
+    }
+}
+
 /// The waves that return in a struck rod are as short as spikes, and the quiet before the blow is most of the second about it.
 #[test]
 fn a_struck_rod_keeps_its_returning_waves() {

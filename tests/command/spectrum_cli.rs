@@ -421,6 +421,83 @@ fn lost_rows_are_missing_and_no_other_rate() {
     assert_eq!(look["rejection"]["code"], "missing", "{look}");
 }
 
+/// A laser that loses its target writes an error code for some rows.
+#[test]
+fn an_error_code_in_a_file_is_missing_data() {
+    let cache = tempfile::tempdir().unwrap();
+    let file = path(&cache, "laser.csv");
+    let look = |every: usize, rows: usize| {
+        let lines = table()
+            .lines()
+            .enumerate()
+            .fold(String::new(), |text, (i, line)| {
+                let lost = i > 1000 && i % every < rows;
+                let shown = match line.split_once(';') {
+                    Some((time, _)) if lost => format!("{time};-9999"),
+                    _ => line.to_owned(),
+                };
+                text + &shown + "\n"
+            });
+        fs::write(&file, lines).unwrap();
+        tirante(&cache, &["spectrum", &file, "--json"])
+    };
+    let output = look(1900, 8);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let line = &json(&output)[0];
+    let found = peaks(line);
+    for wanted in [4.5, 9.7] {
+        assert!(
+            found.iter().any(|(f, _)| (f - wanted).abs() < 0.01),
+            "{wanted}: {found:?}"
+        );
+    }
+    let flags = serde_json::json!([
+        { "flag": "filled", "samples": 32 },
+        { "flag": "error-code", "value": -9.999, "runs": 4, "samples": 32 },
+    ]);
+    assert_eq!(line["flags"], flags, "{line}");
+    let line = &json(&look(20, 8))[0];
+    assert_eq!(line["rejection"]["code"], "error-code", "{line}");
+    let message = line["rejection"]["message"].as_str().unwrap();
+    for wanted in [
+        "exactly -9.999e0",
+        "350 runs",
+        "5.00 s",
+        "lost its target",
+        "raise max_missing",
+    ] {
+        assert!(message.contains(wanted), "no {wanted} in {message}");
+    }
+}
+
+#[test]
+fn set_overrides_a_key_of_the_configuration() {
+    let cache = tempfile::tempdir().unwrap();
+    let look = |more: &[&str]| {
+        let words = ["spectrum", PULL, "--json"];
+        tirante(&cache, &[&words[..], more].concat())
+    };
+    let config = ["--config", "config/todi.toml"];
+    let orders = |output: &Output| {
+        let line = &json(output)[0];
+        let peaks = line["peaks"].as_array().unwrap().iter();
+        peaks.filter(|peak| peak["order"].is_u64()).count()
+    };
+    assert_eq!(orders(&look(&config)), 3);
+    assert_eq!(
+        orders(&look(&[&config[..], &["--set", "modes.count=2"]].concat())),
+        2
+    );
+    for (more, wanted) in [
+        ([&config[..], &["--set", "modes.cuont=2"]].concat(), "modes.cuont"),
+        (vec!["--set", "modes.count=2"], "--config"),
+    ] {
+        let output = look(&more);
+        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+        assert!(said(&output).contains(wanted), "{}", said(&output));
+    }
+}
+
 /// `--time` names a column; an array has none, and says so instead of asking for it again.
 #[test]
 fn a_format_without_columns_refuses_time() {

@@ -3,7 +3,11 @@
 //! A strong release or blow is seen in the samples themselves ([`releases`]): the level of the smoothed
 //! slope, which a slow pull before a release hardly moves, just after an instant over that before it. A
 //! weaker one is seen in the innovations of the fitted modes ([`blows`]), where the motion that goes on
-//! anyway is taken out.
+//! anyway is taken out. Blows at even intervals, which neither shows, are a train ([`train()`]).
+
+mod train;
+
+pub use train::train;
 
 use super::subband::{Pole, Subband};
 use crate::signal::record::slope::Slope;

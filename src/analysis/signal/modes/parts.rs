@@ -1,13 +1,17 @@
 //! The parts of a record between its onsets, each with the state at its beginning.
 
 use super::likelihood::Start;
-use super::onsets::{Release, releases};
+use super::onsets::{Release, releases, train};
 use crate::signal::record::{Excitation, Record};
 
 /// Shortest part that is fitted, in periods of the strongest peak: its band then holds two dozen lines.
 const LEAST_PERIODS: f64 = 36.0;
 /// Shortest decay that is fitted where no part is longer, in periods of the strongest peak.
 const LEAST_DECAY_PERIODS: f64 = 15.0;
+/// The same between the blows of a train, where a fit of the whole record would be one of a comb.
+const LEAST_TRAIN_PERIODS: f64 = 5.0;
+/// Periods within which a release and a blow of a train are one.
+const SAME_PERIODS: f64 = 2.0;
 /// Fewest samples of a part that a spectrum is made of.
 const LEAST_SAMPLES: usize = 64;
 /// Least ratio of the mean square motion in the first quarter of a decay to that in the last.
@@ -74,13 +78,19 @@ impl Parts {
             }
             (None, Some(scale_hz)) => {
                 parts.releases = releases(samples, record.fs_hz, scale_hz);
-                let cuts: Vec<(usize, usize)> = parts.releases.iter().map(|r| (r.before, r.after)).collect();
-                let most = parts.between(&cuts).into_iter().max_by(|a, b| {
+                let period = record.fs_hz / scale_hz;
+                let blows = train(samples, period);
+                let least = match blows.is_empty() {
+                    true => LEAST_DECAY_PERIODS,
+                    false => LEAST_TRAIN_PERIODS,
+                };
+                parts.add_train(blows, period);
+                let most = parts.between(&parts.cuts()).into_iter().max_by(|a, b| {
                     let motion = |part: &Part| motion(&samples[part.from..part.to]);
                     motion(a).total_cmp(&motion(b))
                 });
                 parts.main = most
-                    .or_else(|| parts.short_decay(samples, scale_hz / record.fs_hz))
+                    .or_else(|| parts.short_decay(samples, least * period))
                     .unwrap_or(whole);
                 if parts.main == whole {
                     // What is told of the motion is what was fitted.
@@ -90,6 +100,20 @@ impl Parts {
             (None, None) => {}
         }
         parts
+    }
+
+    /// Adds the blows of a train, less the releases that they are.
+    fn add_train(&mut self, blows: Vec<Release>, period: f64) {
+        let is_near = |a: &Release, b: &Release| a.after.abs_diff(b.after) as f64 <= SAME_PERIODS * period;
+        self.releases
+            .retain(|release| !blows.iter().any(|blow| is_near(blow, release)));
+        self.releases.extend(blows);
+        self.releases.sort_unstable_by_key(|release| release.after);
+    }
+
+    /// The releases as cuts.
+    fn cuts(&self) -> Vec<(usize, usize)> {
+        self.releases.iter().map(|r| (r.before, r.after)).collect()
     }
 
     /// Parts between cuts that are long enough; a cut is the last sample before and the first sample after an
@@ -113,9 +137,9 @@ impl Parts {
     }
 
     /// The motion after a release that moves most, where every part is shorter than [`LEAST_PERIODS`]: a fit across the release
-    /// would fit neither the quiet nor the decay. `None` if none has [`LEAST_DECAY_PERIODS`].
-    fn short_decay(&self, samples: &[f64], cycles_per_sample: f64) -> Option<Part> {
-        let least = ((LEAST_DECAY_PERIODS / cycles_per_sample).ceil() as usize).max(LEAST_SAMPLES);
+    /// would fit neither the quiet nor the decay. `None` if none has `least` samples.
+    fn short_decay(&self, samples: &[f64], least: f64) -> Option<Part> {
+        let least = (least.ceil() as usize).max(LEAST_SAMPLES);
         let ends = self.releases.iter().skip(1).map(|next| next.before);
         let decays = self.releases.iter().zip(ends.chain([self.total]));
         decays

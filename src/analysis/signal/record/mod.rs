@@ -4,6 +4,7 @@ pub mod assembler;
 pub mod channel;
 mod clock;
 mod envelope;
+mod error_code;
 mod holes;
 pub mod moments;
 mod onset;

@@ -5,6 +5,7 @@
 //! sensors, quiet tails of free decays and any unit are treated alike.
 
 use super::clock::median;
+use super::error_code::{self, ErrorCode};
 use super::steps::{level_change, step};
 use super::{Flag, RecordSettings, Rejection};
 use std::ops::Range;
@@ -99,6 +100,19 @@ pub(super) fn fill(samples: &mut [f64]) -> usize {
 
 /// Checks a stretch; missing samples are NaN.
 pub fn check(mut samples: Vec<f64>, fs_hz: f64, settings: &RecordSettings) -> Result<Checked, Rejection> {
+    let codes = error_code::strike(&mut samples, fs_hz);
+    let mut checked = check_struck(samples, &codes, fs_hz, settings)?;
+    checked.flags.extend(codes.iter().map(ErrorCode::flag));
+    Ok(checked)
+}
+
+/// The same for a stretch whose error codes are NaN already.
+pub(super) fn check_struck(
+    mut samples: Vec<f64>,
+    codes: &[ErrorCode],
+    fs_hz: f64,
+    settings: &RecordSettings,
+) -> Result<Checked, Rejection> {
     let mut flags = Vec::new();
     let total = samples.len().max(1) as f64;
     let missing = samples.iter().filter(|x| !x.is_finite()).count();
@@ -107,13 +121,17 @@ pub fn check(mut samples: Vec<f64>, fs_hz: f64, settings: &RecordSettings) -> Re
         allowed: settings.max_missing,
     };
     if missing as f64 > settings.max_missing * total {
-        return Err(too_many(missing));
+        let named = error_code::refusal(codes, samples.len(), fs_hz, settings);
+        let is_enough = error_code::share(codes, samples.len()) > settings.max_missing;
+        return Err(named.filter(|_| is_enough).unwrap_or_else(|| too_many(missing)));
     }
+    // Straight lines would have steps of their own.
+    let extent = Extent::of(&samples);
     if missing > 0 {
         fill(&mut samples);
         flags.push(Flag::Filled { samples: missing });
     }
-    let Some(range) = Extent::of(&samples) else {
+    let Some(range) = extent else {
         return Err(Rejection::Constant {
             value: samples.first().copied().unwrap_or(0.0),
         });
@@ -181,7 +199,7 @@ struct Extent {
 }
 
 impl Extent {
-    /// `None` for a constant signal.
+    /// Of the samples that are finite; `None` for a constant signal.
     fn of(samples: &[f64]) -> Option<Self> {
         let (mut low, mut high, mut step) = (f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY);
         let mut last = *samples.first()?;

@@ -29,6 +29,21 @@ pub enum Rejection {
         /// Largest share allowed.
         allowed: f64,
     },
+    /// The sensor gave one value far outside the motion too often: the error code of a lost target.
+    #[error("{}", error_code(*value, *runs, *time_s, *share, *allowed))]
+    ErrorCode {
+        /// The value, SI.
+        #[serde(deserialize_with = "nan_if_null")]
+        value: f64,
+        /// Number of runs of it.
+        runs: usize,
+        /// Begin of the first, from the record's start \[s\].
+        time_s: f64,
+        /// Share of the samples at error codes.
+        share: f64,
+        /// Largest share allowed.
+        allowed: f64,
+    },
     /// The signal does not move.
     #[error(
         "constant signal: every sample is {value:e}; check that the sensor measures, and that `field` names what moves"
@@ -244,6 +259,26 @@ fn missing(share: f64, allowed: f64) -> String {
     )
 }
 
+fn error_code(value: f64, runs: usize, time_s: f64, share: f64, allowed: f64) -> String {
+    let often = match runs {
+        1 => format!("in one run, at {time_s:.2} s"),
+        _ => format!("in {runs} runs, the first at {time_s:.2} s"),
+    };
+    let limit = match share > allowed {
+        true => format!("at most {:.1} % allowed", allowed * 100.0),
+        false => "what lies between is shorter than min_duration_s".to_owned(),
+    };
+    let key = match share > allowed {
+        true => "raise max_missing",
+        false => "raise max_gap_s, up to which holes are filled",
+    };
+    format!(
+        "{:.1} % of the samples are exactly {value:e} (in the SI unit of the channel), far outside all others, {often}: the error code of a \
+         sensor that has lost its target; {limit}: aim it again or mend its target, or {key}",
+        share * 100.0
+    )
+}
+
 fn irregular(jitter: f64, allowed: f64) -> String {
     if !jitter.is_finite() {
         return "irregular sampling: the stamps do not advance; let `time` name those of the sensor"
@@ -262,6 +297,7 @@ impl Rejection {
         match self {
             Self::TooShort { .. } => "too-short",
             Self::Missing { .. } => "missing",
+            Self::ErrorCode { .. } => "error-code",
             Self::Constant { .. } => "constant",
             Self::Held { .. } => "held",
             Self::Clipped { .. } => "clipped",
@@ -299,6 +335,16 @@ pub enum Flag {
     Truncated,
     /// Missing samples were filled by interpolation.
     Filled {
+        /// Number of samples.
+        samples: usize,
+    },
+    /// The sensor gave one value far outside the motion, the error code of a lost target: those samples are missing ones.
+    ErrorCode {
+        /// The value, SI.
+        #[serde(deserialize_with = "nan_if_null")]
+        value: f64,
+        /// Number of runs of it, in the record and beside it.
+        runs: usize,
         /// Number of samples.
         samples: usize,
     },
@@ -342,6 +388,13 @@ impl std::fmt::Display for Flag {
             Self::Unverified => write!(f, "unverified: no checksums in the file"),
             Self::Truncated => write!(f, "the file ends early"),
             Self::Filled { samples } => write!(f, "{samples} samples filled"),
+            Self::ErrorCode { value, runs, samples } => {
+                let plural = if *runs == 1 { "" } else { "s" };
+                write!(
+                    f,
+                    "the sensor lost its target: {samples} samples in {runs} run{plural} at {value:e} (SI), taken as missing"
+                )
+            }
             Self::Dropped { samples } => write!(f, "{samples} samples dropped"),
             Self::Despiked { samples } => write!(f, "{samples} spikes removed"),
             Self::Clipped { share } => write!(f, "{:.2} % clipped", share * 100.0),

@@ -1,9 +1,11 @@
 //! Turns a finished stretch into records, or into the reason why it is none.
 
 use super::{Assembler, Event, MAX_SAMPLES, Short};
+use crate::signal::record::error_code::{self, ErrorCode};
 use crate::signal::record::onset::{self, UnderWay};
 use crate::signal::record::timing::{self, Even, Stray, Stretch};
 use crate::signal::record::{Cut, Envelope, Excitation, Flag, Record, Rejection, Timestamp, quality};
+use std::ops::Range;
 
 /// Most records that wait for their temperature.
 const WAITING: usize = 4;
@@ -59,6 +61,7 @@ impl Assembler {
     fn decays(&mut self, even: &Even, ratio: f64, length_s: f64, cut_short: bool, until: Option<i64>) {
         let total = even.samples.len();
         let mut filled = even.samples.clone();
+        error_code::strike(&mut filled, even.fs_hz);
         quality::fill(&mut filled);
         let mut onsets: Vec<(usize, bool)> = onset::onsets(&filled, even.fs_hz, ratio)
             .into_iter()
@@ -105,7 +108,7 @@ impl Assembler {
         let Even {
             start,
             fs_hz,
-            samples,
+            mut samples,
             clock_sd,
             jitter,
             stray,
@@ -117,34 +120,60 @@ impl Assembler {
             stray: stray.and(self.stray),
             excitation,
         };
+        let codes = error_code::strike(&mut samples, fs_hz);
         let total = samples.len();
         let hole = (self.settings.max_gap_s * fs_hz).floor().max(0.0) as usize;
         let least = self.settings.min_duration_s * fs_hz;
-        let mut spans = quality::spans(&samples, hole);
-        let long = |span: &std::ops::Range<usize>| span.len() as f64 >= least;
+        let spans = quality::spans(&samples, hole);
+        let long = |span: &Range<usize>| span.len() as f64 >= least;
         if !spans.iter().any(long) {
             let missing = samples.iter().filter(|x| !x.is_finite()).count();
             let share = missing as f64 / total.max(1) as f64;
             let allowed = self.settings.max_missing;
-            if share > allowed {
-                let rejection = Rejection::Missing { share, allowed };
-                return self.reject(Some(start), total as f64 / fs_hz, rejection);
+            let lost = error_code::refusal(&codes, total, fs_hz, &self.settings)
+                .filter(|_| total as f64 >= least)
+                .or((share > allowed).then_some(Rejection::Missing { share, allowed }));
+            if let Some(rejection) = lost {
+                let waveform = Envelope::of(&samples, fs_hz);
+                return self.refuse_piece(start, fs_hz, total, waveform, rejection);
             }
         }
         if let [span] = &spans[..]
             && span.len() == total
         {
             // The common case: nothing to cut off, nothing to copy.
-            return self.piece(start, clock, samples, cut_short);
+            return self.piece(start, clock, samples, &codes, &codes, cut_short);
         }
-        for span in spans.drain(..) {
+        for (i, span) in spans.iter().enumerate() {
             let start = start.plus_seconds(span.start as f64 / fs_hz);
-            let last = span.end == total;
-            self.piece(start, clock, samples[span].to_vec(), cut_short && last);
+            let within = |range: Range<usize>| -> Vec<ErrorCode> {
+                codes.iter().filter_map(|code| code.within(&range)).collect()
+            };
+            let before = i.checked_sub(1).map_or(0, |i| spans[i].end);
+            let after = spans.get(i + 1).map_or(total, |next| next.start);
+            let (inside, near) = (within(span.clone()), within(before..after));
+            let is_short = cut_short && span.end == total;
+            self.piece(
+                start,
+                clock,
+                samples[span.clone()].to_vec(),
+                &inside,
+                &near,
+                is_short,
+            );
         }
     }
 
-    fn piece(&mut self, start: Timestamp, clock: Clock, samples: Vec<f64>, cut_short: bool) {
+    /// Checks samples between long holes, with the error codes among them and those `near` it, holes at its ends included.
+    fn piece(
+        &mut self,
+        start: Timestamp,
+        clock: Clock,
+        samples: Vec<f64>,
+        codes: &[ErrorCode],
+        near: &[ErrorCode],
+        cut_short: bool,
+    ) {
         let fs_hz = clock.fs_hz;
         let duration_s = samples.len() as f64 / fs_hz;
         // A hair less than asked for is a matter of rounding.
@@ -153,21 +182,13 @@ impl Assembler {
         }
         // The checks repair data where possible; refused data are shown unchanged.
         let waveform = Envelope::of(&samples, fs_hz);
-        let checked = match quality::check(samples, fs_hz, &self.settings) {
+        let total = samples.len();
+        let checked = match quality::check_struck(samples, codes, fs_hz, &self.settings) {
             Ok(checked) => checked,
-            Err(rejection) => {
-                self.tell_short();
-                return self.tell(Event::Rejected {
-                    rod: self.rod.clone(),
-                    start: Some(start),
-                    duration_s,
-                    fs_hz: Some(fs_hz),
-                    waveform: Some(waveform),
-                    rejection,
-                });
-            }
+            Err(rejection) => return self.refuse_piece(start, fs_hz, total, waveform, rejection),
         };
         let mut flags = checked.flags;
+        flags.extend(near.iter().map(ErrorCode::flag));
         if self.dropped > 0 {
             flags.push(Flag::Dropped {
                 samples: self.dropped,
@@ -202,6 +223,25 @@ impl Assembler {
         });
         self.waiting_at.push_back(self.at);
         self.release(false);
+    }
+
+    fn refuse_piece(
+        &mut self,
+        start: Timestamp,
+        fs_hz: f64,
+        samples: usize,
+        waveform: Envelope,
+        rejection: Rejection,
+    ) {
+        self.tell_short();
+        self.tell(Event::Rejected {
+            rod: self.rod.clone(),
+            start: Some(start),
+            duration_s: samples as f64 / fs_hz,
+            fs_hz: Some(fs_hz),
+            waveform: Some(waveform),
+            rejection,
+        });
     }
 
     /// Releases records whose temperature is known, or that waited long enough.

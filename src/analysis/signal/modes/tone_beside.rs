@@ -25,12 +25,14 @@ use std::f64::consts::{PI, TAU};
 const CONSPICUOUS: f64 = 8.0;
 /// Half-power half-width in lines below which a fit may be to the tone itself.
 const NARROW_LINES: f64 = 1.0;
+/// Half-power half-width in lines below which one of two modes is a tone.
+const TONE_LINES: f64 = 0.3;
 /// Twice the log-posterior gain of a tone beside a resonance that makes it certain. Of 1668 modes without one, a third of them in
 /// gusts, the highest gained 31.
 const CERTAIN: f64 = 32.0;
-/// The same from which on the distance of the fits with and without it counts, more and more, as an error: one mode of eight has as
-/// much by chance. Not of a fit as narrow as a line, which a tone and a wider resonance beside it always imitate well.
-const OPEN: f64 = 14.0;
+/// The same from which on the distance of the fits with and without it counts, more and more, as an error: one mode of fifty has as
+/// much by chance.
+const OPEN: f64 = 19.0;
 /// Lines of one band at which a tone is tried.
 const MOST_TRIALS: usize = 3;
 /// Lines to either side of a tone that its frequency and amplitude are found from.
@@ -151,7 +153,14 @@ impl Stretch<'_> {
             .reduce(f64::max)?;
         let gain = best.explained - alone;
         let is_pair = || match self.pair(fit, None, others) {
-            Pair::Two { gain: of_two, .. } => of_two > gain,
+            Pair::Two {
+                members,
+                gain: of_two,
+                ..
+            } => {
+                let widths = members.map(|member| member.pole.damping * member.pole.frequency_hz);
+                of_two > gain && widths.iter().all(|&width| width > TONE_LINES * line_hz)
+            }
             _ => false,
         };
         Some(if gain > CERTAIN {
@@ -160,7 +169,7 @@ impl Stretch<'_> {
                 return None;
             }
             Beside::Tone(best.tone(gain, self.coefficients.duration_s))
-        } else if gain > OPEN && !is_narrow {
+        } else if gain > OPEN && fit.start == Start::Stationary {
             let share = (gain - OPEN) / (CERTAIN - OPEN);
             Beside::Open(share.sqrt() * (best.beside.frequency_hz - r.frequency_hz).hypot(best.sd_hz))
         } else {

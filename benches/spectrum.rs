@@ -91,6 +91,7 @@ fn refine_ambient(bencher: Bencher, seconds: f64) {
     let peaks = pick_peaks(&spectrum, &PeakSettings::default(), 2.0, 60.0);
     let parts = Parts::of(&record, None);
     let search = Search {
+        tones: &[],
         masks: &[],
         line_hz: spectrum.df_hz,
         parts: &parts,
@@ -106,6 +107,7 @@ fn refine_free_decay(bencher: Bencher, seconds: f64) {
     let peaks = pick_peaks(&spectrum, &PeakSettings::default(), 2.0, 60.0);
     let parts = Parts::of(&record, None);
     let search = Search {
+        tones: &[],
         masks: &[],
         line_hz: spectrum.df_hz,
         parts: &parts,

@@ -120,18 +120,22 @@ const SLOPE_SD: f64 = 0.5;
 
 /// Log prior density of ln damping, up to a constant.
 pub(super) fn damping_log_prior(log_damping: f64) -> f64 {
-    let a = (log_damping - DAMPING_LOG_MEDIAN) / DAMPING_LOG_SD;
-    -0.5 * a * a
+    -0.5 * damping_deviate(log_damping).powi(2)
+}
+
+fn damping_deviate(log_damping: f64) -> f64 {
+    (log_damping - DAMPING_LOG_MEDIAN) / DAMPING_LOG_SD
 }
 
 fn log_prior(p: &Parameters, start: Start) -> f64 {
+    let a = damping_deviate(p.log_damping);
     let b = (p.log_ratio - RATIO_LOG_MEDIAN) / RATIO_LOG_SD;
     let c = p.slope / SLOPE_SD;
     let ratio = match start {
         Start::Stationary => -0.5 * b * b,
         Start::Free => 0.5 * p.log_ratio - (p.log_ratio.exp() / DECAY_RATIO).ln_1p(),
     };
-    ratio + damping_log_prior(p.log_damping) - 0.5 * c * c
+    ratio - 0.5 * (a * a + c * c)
 }
 
 /// Weighted sums over the lines, from which the smooth terms are removed: rows are the smooth terms.

@@ -278,6 +278,7 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
                 delta,
                 delta_sd: 0.002,
                 filtered_c: Some([temperature; 6]),
+                unread_k2: None,
                 lagged_c: None,
                 misfit: vec![],
                 not_axial_p: 0.4,

@@ -266,6 +266,7 @@ pub fn period(index: i64) -> Period {
         delta: -1e-3 / 3.0,
         delta_sd: 4e-4,
         filtered_c: filters(24 * index).at(hour(24 * index).days()),
+        unread_k2: None,
         lagged_c: None,
         misfit: misfit(),
         not_axial_p: 0.61,

@@ -7,6 +7,7 @@ use super::world::World;
 use crate::numerics::random;
 use crate::signal::record::Timestamp;
 use crate::signal::record::time::{DAY_S, YEAR_D};
+use crate::track::drift::Covariance;
 use crate::track::drift::companions::InPeriod;
 use crate::track::drift::{BankPrior, Companions, Detector, Filters, Regressors, Seen, Shape, ThermalPrior};
 
@@ -57,6 +58,7 @@ struct Ready {
     day: f64,
     ratio: f64,
     columns: Vec<f64>,
+    unread_k2: Option<Covariance>,
 }
 
 impl Outlook {
@@ -118,6 +120,7 @@ impl Outlook {
             ratio: period.ratio + change,
             sd: self.noise_sd,
             columns: &period.columns,
+            unread_k2: period.unread_k2.as_ref(),
         });
     }
 
@@ -181,7 +184,12 @@ impl Outlook {
                 let Some(median) = median else { continue };
                 regressors.thermal_and_peers(day, &filtered, median)
             };
-            periods.push(Ready { day, ratio, columns });
+            periods.push(Ready {
+                day,
+                ratio,
+                columns,
+                unread_k2: filters.unread_k2(day),
+            });
         }
         periods
     }

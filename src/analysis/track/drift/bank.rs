@@ -5,12 +5,14 @@
 //! since the onset for a ramp), a member holds the state x = (c, a, b_1.., v, u):
 //!
 //! ```text
-//! y = c h + a + X b + v + u + sigma sqrt(R) e,       R = 0.3 + 0.7 (s / s1)^2,     e ~ N(0, 1)
+//! y = c h + a + X b + v + u + sigma sqrt(R + q) e,   R = 0.3 + 0.7 (s / s1)^2,     e ~ N(0, 1)
 //! u <- f u + sigma sqrt(r (1 - f^2)) n,              f = exp(-gap / tau);           v likewise with r2, tau2
 //! sigma^2 ~ inverse gamma(alpha, beta),              cov(x) = sigma^2 P
+//! q = E[b'U b] / sigma^2
 //! ```
 //!
-//! so that y has Student's t law with 2 alpha degrees of freedom, S = R + H P H' and scale^2 = S beta / alpha. Two more terms
+//! with U the covariance of the filters' errors by what the temperature did between its readings (`unread.rs`; zero where they are dense):
+//! y has Student's t law with 2 alpha degrees of freedom, S = R + q + H P H' and scale^2 = S beta / alpha. Two more terms
 //! keep wild readings and sudden weather from being learned as something else:
 //!
 //! ```text
@@ -309,6 +311,7 @@ mod tests {
                 ratio: *ratio,
                 sd: *sd,
                 columns,
+                unread_k2: None,
             };
             let mut row = Row::new(&prior, &seen).unwrap();
             let passage = Passage::new(&prior, bank.day, *day);
@@ -400,6 +403,7 @@ mod tests {
                 ratio: *ratio,
                 sd: *sd,
                 columns: &columns,
+                unread_k2: None,
             };
             let mut row = Row::new(&prior, &seen).unwrap();
             let passage = Passage::new(&prior, bank.day, *day);
@@ -446,6 +450,7 @@ mod tests {
                 ratio,
                 sd: 0.002,
                 columns: &columns,
+                unread_k2: None,
             };
             let row = Row::new(&prior, &seen).unwrap();
             let passage = Passage::new(&prior, bank.day, day);
@@ -471,6 +476,7 @@ mod tests {
             ratio,
             sd,
             columns,
+            unread_k2: None,
         };
         for bad in [
             seen(f64::NAN, 0.0, 0.002, &[0.0, 0.0]),

@@ -1,6 +1,6 @@
 //! A detector that knows the temperature, with its regressors and the level of commissioning from which changes are measured.
 
-use super::regressors::FILTERS_D;
+use super::filters::FILTERS_D;
 use super::{BankPrior, Detector, Regressors, Seen};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;

@@ -330,6 +330,7 @@ mod tests {
             ratio,
             sd: NOISE,
             columns,
+            unread_k2: None,
         }
     }
 
@@ -594,6 +595,7 @@ mod tests {
                     ratio,
                     sd,
                     columns: &columns,
+                    unread_k2: None,
                 });
                 assert!(
                     law.is_none_or(|law| law.mean.is_finite() && law.sd > 0.0 && law.sd.is_finite()),

@@ -39,6 +39,7 @@ impl Detector {
                 ratio: 0.0,
                 sd: self.prior().stated_sd,
                 columns,
+                unread_k2: None,
             };
             let mut row = Row::new(self.prior(), &seen)?;
             let passage = Passage::new(self.prior(), last, *day);
@@ -90,6 +91,7 @@ mod tests {
                 ratio,
                 sd: NOISE,
                 columns: &columns,
+                unread_k2: None,
             });
         }
         let ahead: Vec<(f64, Vec<f64>)> = (120..120 + periods)
@@ -109,6 +111,7 @@ mod tests {
                     ratio,
                     sd: NOISE,
                     columns,
+                    unread_k2: None,
                 };
                 let ratio = truth.draw(&period(0.0), &mut generator).unwrap();
                 truth.step(&period(ratio));
@@ -146,6 +149,7 @@ mod tests {
                 ratio: 0.8 * columns[0],
                 sd: NOISE,
                 columns: &columns,
+                unread_k2: None,
             });
         }
         let ahead = |periods: u32| -> Vec<(f64, Vec<f64>)> {

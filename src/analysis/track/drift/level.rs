@@ -5,10 +5,7 @@ use super::bank::ln_sum;
 use super::detector::Detector;
 use super::member::{Member, quadratic};
 use super::prior::Fluctuation;
-use super::row::{Row, Seen};
-
-/// Index of the first column in the state: after change and intercept.
-const COLUMNS: usize = 2;
+use super::row::{COLUMNS, Row, Seen};
 
 /// Least share of the average of a bank that counts.
 const NEGLIGIBLE: f64 = 1e-6;
@@ -18,7 +15,7 @@ impl Detector {
     /// in `span_d` days:
     ///
     /// ```text
-    /// c = (y - y_0) - (X - X_0) b,    var c = sigma^2 (R + r + r2 + x'P x + (1 + r s(tau) + r2 s(tau2)) / level)
+    /// c = (y - y_0) - (X - X_0) b,    var c = sigma^2 (R + q + r + r2 + x'P x + (1 + r s(tau) + r2 s(tau2)) / level)
     /// ```
     ///
     /// averaged over the members of the null bank and of the onset particles, with the odds of one onset in `limit` periods: a
@@ -45,7 +42,9 @@ impl Detector {
                 row.error + fluctuation.variance + fluctuation.slow_variance + level
             })
             .collect();
-        let (mean, sd) = self.average(limit, &along, |member| levels[usize::from(member.which)]);
+        let (mean, sd) = self.average(limit, &along, |member| {
+            levels[usize::from(member.which)] + row.unread(member)
+        });
         Some((seen.ratio - mean, sd))
     }
 

@@ -24,6 +24,7 @@ pub mod companions;
 mod compensated;
 mod densities;
 pub mod detector;
+pub mod filters;
 #[cfg(test)]
 mod first_weeks;
 mod gain;
@@ -38,11 +39,14 @@ pub mod regressors;
 pub mod row;
 #[cfg(test)]
 mod stand_in;
+mod unread;
 pub mod watch;
 
 pub use change::Change;
 pub use companions::Companions;
 pub use detector::{Detector, Shape};
+pub use filters::Filters;
 pub use prior::{BankPrior, Coefficient, Fluctuation, ThermalPrior};
-pub use regressors::{Filters, Regressors};
+pub use regressors::Regressors;
 pub use row::{Law, Seen};
+pub use unread::Covariance;

@@ -1,7 +1,8 @@
 //! The records of one period as one statistic, with the result of the drift watch.
 
 use super::Filters;
-use super::regressors::FILTERS_D;
+use super::filters::FILTERS_D;
+use super::unread::Covariance;
 use crate::signal::record::{Reading, Timestamp};
 use crate::track::observation::Observation;
 use crate::track::relative::{Misfit, Relative};
@@ -57,6 +58,10 @@ pub struct Period {
     /// Low-passed temperatures beside delta \[degC\], as [`Filters`] has them; `None` if not known.
     #[serde(default)]
     pub filtered_c: Option<[f64; FILTERS_D.len()]>,
+    /// Covariance of their errors by what the temperature did between its readings \[K^2\]; `None` where readings are dense, and once
+    /// the watch has taken the period.
+    #[serde(skip)]
+    pub unread_k2: Option<Covariance>,
     /// Temperatures at the lags of earlier versions, for resuming from their stores \[degC\].
     #[serde(default, skip_serializing)]
     pub lagged_c: Option<Vec<f64>>,
@@ -153,7 +158,7 @@ pub fn combine(
     trusted_until: Option<Timestamp>,
     not_axial_p: impl Fn(f64, &[Misfit]) -> f64,
 ) -> Period {
-    let temperatures: Vec<Option<[f64; FILTERS_D.len()]>> = records
+    let temperatures: Vec<Option<([f64; FILTERS_D.len()], Option<Covariance>)>> = records
         .iter()
         .map(|record| {
             let until = trusted_until.map_or(record.end, |trusted| trusted.min(record.end));
@@ -161,7 +166,8 @@ pub fn combine(
             for reading in readings.drain(..used) {
                 filters.push(reading.time.days(), reading.celsius);
             }
-            filters.at(record.end.days())
+            let day = record.end.days();
+            filters.at(day).map(|celsius| (celsius, filters.unread_k2(day)))
         })
         .collect();
     let compensated = temperatures.iter().any(Option::is_some);
@@ -171,6 +177,7 @@ pub fn combine(
     let mut delta = 0.0;
     let mut measured_s = 0.0;
     let mut filtered_c = [0.0; FILTERS_D.len()];
+    let mut unread_k2 = Covariance::default();
     let mut misfit: Vec<(Misfit, f64)> = Vec::new();
     for (record, temperature) in records.iter().zip(&temperatures) {
         if compensated && temperature.is_none() {
@@ -181,8 +188,13 @@ pub fn combine(
         delta += w * record.delta;
         began = began.or(Some(record.start));
         measured_s += w * 0.5 * (record.start.seconds_since(start) + record.end.seconds_since(start));
-        for (sum, celsius) in filtered_c.iter_mut().zip(temperature.iter().flatten()) {
-            *sum += w * celsius;
+        if let Some((celsius, of_record)) = temperature {
+            filtered_c
+                .iter_mut()
+                .zip(celsius)
+                .for_each(|(sum, one)| *sum += w * one);
+            let of_record = of_record.iter().flatten().flatten();
+            (unread_k2.iter_mut().flatten().zip(of_record)).for_each(|(sum, one)| *sum += w * one);
         }
         for one in &record.misfit {
             add(&mut misfit, one);
@@ -190,6 +202,7 @@ pub fn combine(
     }
     delta /= weight;
     filtered_c.iter_mut().for_each(|sum| *sum /= weight);
+    unread_k2.iter_mut().flatten().for_each(|sum| *sum /= weight);
     let misfit = averaged(misfit);
     Period {
         index,
@@ -200,6 +213,7 @@ pub fn combine(
         delta,
         delta_sd: weight.sqrt().recip(),
         filtered_c: compensated.then_some(filtered_c),
+        unread_k2: Some(unread_k2).filter(|unread_k2| unread_k2.iter().flatten().any(|one| *one > 0.0)),
         lagged_c: None,
         not_axial_p: not_axial_p(libm::log1p(delta.max(-1.0 + 1e-9)), &misfit),
         misfit,

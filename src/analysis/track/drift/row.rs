@@ -1,8 +1,13 @@
 //! One period of one rod as a bank takes it, and the law by which a bank predicted it.
 
+use super::filters::FILTERS_D;
+use super::member::{Member, place};
 use super::prior::BankPrior;
+use super::unread::Covariance;
 use serde::{Deserialize, Serialize};
 
+/// Index of the first column in the state, after change and intercept; the filters are the first.
+pub(super) const COLUMNS: usize = 2;
 /// Share of the noise variance that does not follow the stated error.
 const UNSTATED: f64 = 0.3;
 /// Largest credible column; larger ones are faults.
@@ -27,6 +32,9 @@ pub struct Seen<'a> {
     pub sd: f64,
     /// Regressors, as many as the prior has columns.
     pub columns: &'a [f64],
+    /// Covariance of the errors of the filters among the columns by what the temperature did between its readings \[K^2\]; `None`
+    /// without filters, or where readings are dense.
+    pub unread_k2: Option<&'a Covariance>,
 }
 
 /// Predictive law of a period.
@@ -55,6 +63,8 @@ pub(super) struct Row {
     pub error: f64,
     /// Regressors of the whole state.
     pub x: Vec<f64>,
+    /// Covariance of the filters' errors.
+    unread_k2: Option<Covariance>,
 }
 
 impl Row {
@@ -67,7 +77,11 @@ impl Row {
             && seen.ratio.is_finite()
             && seen.sd.is_finite()
             && seen.columns.len() == prior.columns.len()
-            && seen.columns.iter().all(|x| x.abs() <= GREATEST);
+            && seen.columns.iter().all(|x| x.abs() <= GREATEST)
+            && seen.unread_k2.is_none_or(|unread_k2| {
+                let sane = |unread_k2: &f64| unread_k2.abs() <= GREATEST;
+                seen.columns.len() >= FILTERS_D.len() && unread_k2.iter().flatten().all(sane)
+            });
         if !is_sane {
             return None;
         }
@@ -80,7 +94,28 @@ impl Row {
             ratio: seen.ratio.clamp(RATIOS[0], RATIOS[1]),
             error: UNSTATED + (1.0 - UNSTATED) * share * share,
             x,
+            unread_k2: seen.unread_k2.copied(),
         })
+    }
+
+    /// Variance of the ratio by what the temperature did between its readings, in a member's noise variances: E[b'U b] / sigma^2 by its
+    /// law of the slopes b.
+    #[inline(always)]
+    pub fn unread(&self, member: &Member) -> f64 {
+        let Some(unread_k2) = &self.unread_k2 else {
+            return 0.0;
+        };
+        let (width, noise) = (member.mean.len(), member.scale2());
+        let mut sum = 0.0;
+        for (i, row) in unread_k2.iter().enumerate() {
+            for (j, unread_k2) in row.iter().enumerate() {
+                let (one, other) = (COLUMNS + i.min(j), COLUMNS + i.max(j));
+                let slopes =
+                    member.mean[one] * member.mean[other] / noise + member.cov[place(width, one, other)];
+                sum += unread_k2 * slopes;
+            }
+        }
+        sum.max(0.0)
     }
 
     /// Sets the onset's regressor.

@@ -1,8 +1,8 @@
 //! Rods of a site that come, go, and lose their inputs: what stands in for what is missing.
 
+use super::filters::FILTERS_D;
 use super::others::{MOVING, Neighbour, Others};
 use super::period::{Period, start_of};
-use super::regressors::FILTERS_D;
 use super::watch::{DriftWatch, Finding, Terms, Witness};
 use super::{Filters, ThermalPrior};
 use crate::numerics::random;
@@ -173,6 +173,7 @@ impl Site {
                 delta: -0.01 * warmer + noise(index, 0) + today.change,
                 delta_sd: NOISE,
                 filtered_c: today.read_c.map(|celsius| [celsius; FILTERS_D.len()]),
+                unread_k2: None,
                 lagged_c: None,
                 misfit: Vec::new(),
                 not_axial_p: 1.0,

@@ -184,7 +184,7 @@ impl DriftWatch {
                 .set_sparse(is_sparse && compensated.knows_temperature);
             let is_told = self.above.any();
             compensated.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
-            let seen = seen(period, &columns);
+            let seen = seen(period, &columns, compensated.knows_temperature);
             law = compensated.detector.step(&seen);
             seen_alone = Some(columns);
             self.last.temperature = law.is_some();
@@ -196,7 +196,7 @@ impl DriftWatch {
             alone.detector.set_sparse(is_sparse);
             let is_told = self.above.any();
             alone.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
-            let seen = seen(period, &columns);
+            let seen = seen(period, &columns, alone.knows_temperature);
             let by_temperature = alone.detector.step(&seen);
             self.last.alone = by_temperature.is_some();
             if self.without_others > companions::PATIENCE {
@@ -209,7 +209,7 @@ impl DriftWatch {
             let peers = self
                 .peers
                 .get_or_insert_with(|| Detector::new(BankPrior::peers(self.noise_sd)));
-            let seen_law = peers.step(&seen(period, &regressors.peers(day, median)));
+            let seen_law = peers.step(&seen(period, &regressors.peers(day, median), false));
             self.last.others = seen_law.is_some();
             law = law.or(seen_law);
         }
@@ -219,12 +219,13 @@ impl DriftWatch {
             self.without_temperature.saturating_add(1)
         };
         self.note_what_looked(measured);
-        let blind_law = self.blind.step(&seen(period, &regressors.blind(day)));
+        let blind_law = self.blind.step(&seen(period, &regressors.blind(day), false));
         self.look(terms.limit);
         // After the look: periods since the onset of a change that is reported now are no part of the level.
         let at_reference = seen_alone.and_then(|columns: Vec<f64>| {
             let measured_by = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
-            measured_by.change(&seen(period, &columns), terms.limit, self.above.any())
+            let seen = seen(period, &columns, measured_by.knows_temperature);
+            measured_by.change(&seen, terms.limit, self.above.any())
         });
         let law = law.or(blind_law).unwrap_or(Law {
             mean: period.delta,
@@ -322,7 +323,7 @@ impl DriftWatch {
 }
 
 /// Input of a detector for a period.
-fn seen<'a>(period: &Period, columns: &'a [f64]) -> Seen<'a> {
+fn seen<'a>(period: &'a Period, columns: &'a [f64], has_filters: bool) -> Seen<'a> {
     Seen {
         day: period.start.days(),
         began: period.began().days(),
@@ -330,6 +331,7 @@ fn seen<'a>(period: &Period, columns: &'a [f64]) -> Seen<'a> {
         ratio: period.delta,
         sd: period.delta_sd,
         columns,
+        unread_k2: period.unread_k2.as_ref().filter(|_| has_filters),
     }
 }
 
@@ -338,8 +340,8 @@ const SHOWN: usize = 1;
 
 #[cfg(test)]
 mod tests {
+    use super::super::filters::FILTERS_D;
     use super::super::period::start_of;
-    use super::super::regressors::FILTERS_D;
     use super::*;
 
     const DAY_S: f64 = 86_400.0;
@@ -384,6 +386,7 @@ mod tests {
                 delta: -0.01 * warmer + noise + change(index),
                 delta_sd: 0.002,
                 filtered_c: (!dark(index)).then_some([celsius(index); FILTERS_D.len()]),
+                unread_k2: None,
                 lagged_c: None,
                 misfit: Vec::new(),
                 not_axial_p: 1.0,

@@ -116,6 +116,7 @@ fn watch(tracker: &mut Tracker, period: &mut Period, others: &Others) {
         .get_or_insert_with(|| DriftWatch::new(period.start.days(), noise_sd));
     let is_sparse = state.filters.is_sparse();
     period.charted = Some(watch.step(&terms, period, is_sparse, others, plan.track.period_s));
+    period.unread_k2 = None;
 }
 
 /// Typical stated error of a period's ratio: the median over the open records, scaled to the period's number

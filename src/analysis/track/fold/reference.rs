@@ -9,6 +9,9 @@ use crate::track::drift::Filters;
 use crate::track::observation::Observation;
 use crate::track::relative::{Interval, Relative};
 
+/// Standard deviations between a normal law's mean and its 97.5 % quantile.
+const TAIL_SD: f64 = 1.959_964;
+
 /// Low passes up to a time, those of the last closed period, updated with the readings since.
 pub(crate) fn filters_until(state: &State, time: Timestamp) -> Filters {
     let mut filters = state.filters.clone();
@@ -28,11 +31,18 @@ pub(crate) fn of_record(
     let watch = state.watch.get()?;
     let reference_c = state.segment.reference_c?;
     let end = observation.start.plus_seconds(observation.duration_s);
-    let filtered = filters_until(state, end).at(end.days())?;
+    let filters = filters_until(state, end);
+    let filtered = filters.at(end.days())?;
     let ratio = &relative.ratio;
     let measured = ratio.mean - 1.0;
     let record_sd = relative.record_sd * ratio.mean;
-    let (change, change_sd) = watch.change_of(end.days(), measured, record_sd, Some(&filtered))?;
+    let (change, change_sd) = watch.change_of(
+        end.days(),
+        measured,
+        record_sd,
+        Some(&filtered),
+        filters.unread_k2(end.days()).as_ref(),
+    )?;
     // The record's own error is in both; the rest of the ratio's error is that of the particles and grows with the change.
     let static_sd = (ratio.sd * ratio.sd - record_sd * record_sd).max(0.0).sqrt();
     let sd = change_sd.hypot(static_sd);
@@ -58,15 +68,18 @@ pub(super) fn widen(at_reference: &mut AtReference, share: f64) {
     at_reference.force_n = wider(&at_reference.force_n, share * at_reference.force_n.mean);
 }
 
-/// `interval` times `factor` less `shift`, as wide as a standard deviation `sd`.
+/// `interval` times `factor` less `shift`, with a normal error more that makes its standard deviation `sd`: the shape is the
+/// interval's own as far as its error is.
 fn moved(interval: &Interval, factor: f64, shift: f64, sd: f64) -> Interval {
     let mean = interval.mean * factor - shift;
-    let own = interval.sd;
-    let wide = if own > 0.0 { sd / own } else { factor };
+    let own = interval.sd * factor;
+    let narrower = if own > sd { sd / own } else { 1.0 };
+    let added = (sd * sd - own * own).max(0.0).sqrt();
+    let half = |tail: f64| (narrower * factor * tail).hypot(TAIL_SD * added);
     Interval {
         mean,
         sd,
-        q025: mean - wide * (interval.mean - interval.q025),
-        q975: mean + wide * (interval.q975 - interval.mean),
+        q025: mean - half(interval.mean - interval.q025),
+        q975: mean + half(interval.q975 - interval.mean),
     }
 }

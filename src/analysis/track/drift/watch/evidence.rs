@@ -1,9 +1,10 @@
 //! Evidence, size and onset of a change, by the detectors that had their inputs of late.
 
 use super::{DriftWatch, RARER};
+use crate::track::drift::Covariance;
 use crate::track::drift::companions;
 use crate::track::drift::compensated::Compensated;
-use crate::track::drift::regressors::FILTERS_D;
+use crate::track::drift::filters::FILTERS_D;
 use crate::track::drift::{Change, Detector, Law, Regressors, Seen};
 
 /// Standard deviations of the predictive law from which a sudden change is reported within days without a temperature: a smaller
@@ -86,6 +87,7 @@ impl DriftWatch {
         ratio: f64,
         sd: f64,
         filtered_c: Option<&[f64; FILTERS_D.len()]>,
+        unread_k2: Option<&Covariance>,
     ) -> Option<(f64, f64)> {
         let compensated = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
         let columns = compensated.columns(day, filtered_c, None)?;
@@ -96,6 +98,7 @@ impl DriftWatch {
             ratio,
             sd,
             columns: &columns,
+            unread_k2: unread_k2.filter(|_| compensated.knows_temperature),
         };
         compensated.change(&seen, self.limit, self.above.any())
     }
@@ -113,6 +116,7 @@ impl DriftWatch {
             ratio,
             sd,
             columns: &regressors.blind(day),
+            unread_k2: None,
         })
     }
 

@@ -140,3 +140,11 @@ fn identify(bencher: Bencher, seconds: f64) {
     let plan = plan();
     bencher.bench_local(|| plan.identify(black_box(&record)));
 }
+
+#[divan::bench(args = [60.0, 600.0])]
+fn identify_recognised(bencher: Bencher, seconds: f64) {
+    let mut record = record(seconds, Excitation::Ambient);
+    record.excitation = None;
+    let plan = plan();
+    bencher.bench_local(|| plan.identify(black_box(&record)));
+}

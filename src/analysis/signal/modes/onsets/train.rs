@@ -6,10 +6,15 @@
 //! not the comb: a blow is what it does not predict.
 
 use super::Release;
+use crate::numerics::simd::{Kernel, vectorised};
 use crate::signal::record::slope::Slope;
 
 /// Order of the model: two for each mode and some for the noise.
 const ORDER: usize = 48;
+/// Lags summed at once: whole registers, more than the model asks for.
+const LAGS: usize = 56;
+/// Samples predicted at once.
+const LANES: usize = 16;
 /// White noise added, as a share of the variance, so that a motion without noise has a model.
 const WHITE: f64 = 1e-9;
 /// Least innovation of a blow, in robust standard deviations of all.
@@ -80,19 +85,74 @@ fn innovations(samples: &[f64]) -> Option<Vec<f64>> {
     }
     let mean = samples.iter().sum::<f64>() / samples.len() as f64;
     let moves: Vec<f64> = samples.iter().map(|x| x - mean).collect();
-    let products = |lag: usize| {
-        let pairs = moves[lag..].iter().zip(&moves);
-        pairs.map(|(a, b)| a * b).sum::<f64>()
-    };
-    let mut covariance: Vec<f64> = (0..=ORDER).map(products).collect();
-    covariance[0] *= 1.0 + WHITE;
-    let filter = levinson(&covariance)?;
+    let mut products = [0.0; LAGS];
+    vectorised(Products {
+        moves: &moves,
+        sums: &mut products,
+    });
+    products.reverse();
+    products[0] *= 1.0 + WHITE;
+    let filter = levinson(&products[..=ORDER])?;
     let mut powers = vec![0.0; moves.len()];
-    for (power, window) in powers[ORDER..].iter_mut().zip(moves.windows(ORDER + 1)) {
-        let left: f64 = filter.iter().zip(window.iter().rev()).map(|(a, x)| a * x).sum();
-        *power = left * left;
-    }
+    vectorised(Innovations {
+        moves: &moves,
+        filter: &filter,
+        powers: &mut powers,
+    });
     Some(powers)
+}
+
+/// Sums over all i of x_i x_(i - k), k from [`LAGS`] - 1 down to 0.
+struct Products<'a> {
+    moves: &'a [f64],
+    sums: &'a mut [f64; LAGS],
+}
+
+impl Kernel for Products<'_> {
+    const MANY_SUMS: bool = true;
+
+    #[inline(always)]
+    fn run(self) {
+        let mut sums = [0.0; LAGS];
+        for now in 1..LAGS {
+            let past = &self.moves[..now];
+            for (sum, x) in sums[LAGS - now..].iter_mut().zip(past) {
+                *sum += past[now - 1] * x;
+            }
+        }
+        for window in self.moves.windows(LAGS) {
+            for (sum, x) in sums.iter_mut().zip(window) {
+                *sum += window[LAGS - 1] * x;
+            }
+        }
+        *self.sums = sums;
+    }
+}
+
+/// Squares of what a filter leaves of each sample from the [`ORDER`]th on, several at once.
+struct Innovations<'a> {
+    moves: &'a [f64],
+    filter: &'a [f64],
+    powers: &'a mut [f64],
+}
+
+impl Kernel for Innovations<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let mut first = ORDER;
+        for powers in self.powers[ORDER..].chunks_mut(LANES) {
+            let mut left = [0.0; LANES];
+            for (k, a) in self.filter.iter().enumerate() {
+                let past = &self.moves[first - k..first - k + powers.len()];
+                left.iter_mut().zip(past).for_each(|(left, x)| *left += a * x);
+            }
+            powers
+                .iter_mut()
+                .zip(left)
+                .for_each(|(power, left)| *power = left * left);
+            first += powers.len();
+        }
+    }
 }
 
 /// Prediction error filter of autocovariances, its first coefficient 1; `None` if they are none.

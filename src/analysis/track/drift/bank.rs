@@ -5,14 +5,14 @@
 //! since the onset for a ramp), a member holds the state x = (c, a, b_1.., v, u):
 //!
 //! ```text
-//! y = c h + a + X b + v + u + sigma sqrt(R + q) e,   R = 0.3 + 0.7 (s / s1)^2,     e ~ N(0, 1)
+//! y = c h + a + X b + v + u + sqrt(sigma^2 R + q) e,    R = 0.3 + 0.7 (s / s1)^2,     e ~ N(0, 1)
 //! u <- f u + sigma sqrt(r (1 - f^2)) n,              f = exp(-gap / tau);           v likewise with r2, tau2
 //! sigma^2 ~ inverse gamma(alpha, beta),              cov(x) = sigma^2 P
-//! q = E[b'U b] / sigma^2
+//! q = E[b'U b]
 //! ```
 //!
 //! with U the covariance of the filters' errors by what the temperature did between its readings (`unread.rs`; zero where they are dense):
-//! y has Student's t law with 2 alpha degrees of freedom, S = R + q + H P H' and scale^2 = S beta / alpha. Two more terms
+//! y has Student's t law with 2 alpha degrees of freedom, S = R + q / sigma^2 + H P H' and scale^2 = S beta / alpha. Two more terms
 //! keep wild readings and sudden weather from being learned as something else:
 //!
 //! ```text
@@ -23,7 +23,8 @@
 use super::densities::{Densities, Gammas, KICK, Term, WILD, WILD_SD, WILD_SHAPE, WILD_WIDER};
 use super::member::{Member, Passage, place, quadratic};
 use super::prior::BankPrior;
-use super::row::{Law, Row};
+use super::row::{COLUMNS, Law, Row};
+use super::unread::Covariance;
 use crate::numerics::simd::{Kernel, vectorised};
 use rand::{Rng, RngExt};
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
@@ -182,6 +183,25 @@ impl Bank {
             let at = place(member.mean.len(), 1, 1);
             member.cov[at] += prior.intercept_sd * prior.intercept_sd / member.scale2();
         }
+    }
+
+    /// Variance of a ratio whose filters have errors of covariance U \[K^2\]: E[b'U b] over the slopes b.
+    pub fn unread(&self, unread_k2: &Covariance) -> f64 {
+        let mut sum = 0.0;
+        for member in &self.members {
+            let (width, noise) = (member.mean.len(), member.noise());
+            let mut of_member = 0.0;
+            for (i, row) in unread_k2.iter().enumerate() {
+                for (j, unread_k2) in row.iter().enumerate() {
+                    let (one, other) = (COLUMNS + i.min(j), COLUMNS + i.max(j));
+                    let slopes =
+                        member.mean[one] * member.mean[other] + noise * member.cov[place(width, one, other)];
+                    of_member += unread_k2 * slopes;
+                }
+            }
+            sum += libm::exp(member.ln_weight) * of_member;
+        }
+        sum.max(0.0)
     }
 
     /// Mean and standard deviation of the change c.

@@ -142,9 +142,19 @@ impl Detector {
         wider
     }
 
+    /// A period as the banks take it. What the temperature did between its readings adds one variance for all of them, by the slopes of
+    /// the null bank: no bank may gain from slopes that would make it less.
+    pub(super) fn row(&self, seen: &Seen) -> Option<Row> {
+        let mut row = Row::new(&self.prior, seen)?;
+        row.unread = seen
+            .unread_k2
+            .map_or(0.0, |unread_k2| self.null.unread(unread_k2));
+        Some(row)
+    }
+
     /// Predictive law of a period under no change; `None` for a period that cannot be used.
     pub fn predict(&self, seen: &Seen) -> Option<Law> {
-        let row = Row::new(&self.prior, seen)?;
+        let row = self.row(seen)?;
         let mut null = self.null.clone();
         null.advance(&self.prior, &self.passage(seen.day));
         Some(null.law(&row))
@@ -153,7 +163,7 @@ impl Detector {
     /// Learns a period; returns its predictive law before it was learned, or `None` for a period that cannot be used (not
     /// finite, another number of columns), which changes nothing.
     pub fn step(&mut self, seen: &Seen) -> Option<Law> {
-        let mut row = Row::new(&self.prior, seen)?;
+        let mut row = self.row(seen)?;
         let passage = self.passage(seen.day);
         self.null.advance(&self.prior, &passage);
         let law = self.null.law(&row);
@@ -293,7 +303,7 @@ impl Detector {
 
     /// A ratio drawn from the predictive law of a period under no change; `None` for a period that cannot be used.
     pub fn draw<R: rand::Rng>(&self, seen: &Seen, generator: &mut R) -> Option<f64> {
-        let row = Row::new(&self.prior, seen)?;
+        let row = self.row(seen)?;
         let mut null = self.null.clone();
         let passage = self.passage(seen.day);
         null.advance(&self.prior, &passage);

@@ -5,7 +5,7 @@ use super::bank::ln_sum;
 use super::detector::Detector;
 use super::member::{Member, quadratic};
 use super::prior::Fluctuation;
-use super::row::{COLUMNS, Row, Seen};
+use super::row::{COLUMNS, Seen};
 
 /// Least share of the average of a bank that counts.
 const NEGLIGIBLE: f64 = 1e-6;
@@ -15,7 +15,7 @@ impl Detector {
     /// in `span_d` days:
     ///
     /// ```text
-    /// c = (y - y_0) - (X - X_0) b,    var c = sigma^2 (R + q + r + r2 + x'P x + (1 + r s(tau) + r2 s(tau2)) / level)
+    /// c = (y - y_0) - (X - X_0) b,    var c = q + sigma^2 (R + r + r2 + x'P x + (1 + r s(tau) + r2 s(tau2)) / level)
     /// ```
     ///
     /// averaged over the members of the null bank and of the onset particles, with the odds of one onset in `limit` periods: a
@@ -28,7 +28,7 @@ impl Detector {
         periods: f64,
         span_d: f64,
     ) -> Option<(f64, f64)> {
-        let row = Row::new(&self.prior, seen)?;
+        let row = self.row(seen)?;
         let x = &row.x;
         let width = x.len();
         let mut along = vec![0.0; width];
@@ -43,7 +43,7 @@ impl Detector {
             })
             .collect();
         let (mean, sd) = self.average(limit, &along, |member| {
-            levels[usize::from(member.which)] + row.unread(member)
+            levels[usize::from(member.which)] + row.unread / member.scale2()
         });
         Some((seen.ratio - mean, sd))
     }

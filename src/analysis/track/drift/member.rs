@@ -82,7 +82,7 @@ impl Passage {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Ahead {
     pub error: f64,
-    /// S = R + q + H P H'.
+    /// S = R + q alpha / beta + H P H'.
     pub total: f64,
 }
 
@@ -167,7 +167,7 @@ impl Member {
         times(&self.cov, &row.x, along);
         Ahead {
             error: row.ratio - dot(&row.x, &self.mean),
-            total: row.error + row.unread(self) + dot(&row.x, along).max(0.0),
+            total: row.error + row.unread / self.scale2() + dot(&row.x, along).max(0.0),
         }
     }
 

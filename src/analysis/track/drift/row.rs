@@ -1,7 +1,6 @@
 //! One period of one rod as a bank takes it, and the law by which a bank predicted it.
 
 use super::filters::FILTERS_D;
-use super::member::{Member, place};
 use super::prior::BankPrior;
 use super::unread::Covariance;
 use serde::{Deserialize, Serialize};
@@ -63,8 +62,8 @@ pub(super) struct Row {
     pub error: f64,
     /// Regressors of the whole state.
     pub x: Vec<f64>,
-    /// Covariance of the filters' errors.
-    unread_k2: Option<Covariance>,
+    /// Variance of the ratio by what the temperature did between its readings.
+    pub unread: f64,
 }
 
 impl Row {
@@ -94,28 +93,8 @@ impl Row {
             ratio: seen.ratio.clamp(RATIOS[0], RATIOS[1]),
             error: UNSTATED + (1.0 - UNSTATED) * share * share,
             x,
-            unread_k2: seen.unread_k2.copied(),
+            unread: 0.0,
         })
-    }
-
-    /// Variance of the ratio by what the temperature did between its readings, in a member's noise variances: E[b'U b] / sigma^2 by its
-    /// law of the slopes b.
-    #[inline(always)]
-    pub fn unread(&self, member: &Member) -> f64 {
-        let Some(unread_k2) = &self.unread_k2 else {
-            return 0.0;
-        };
-        let (width, noise) = (member.mean.len(), member.scale2());
-        let mut sum = 0.0;
-        for (i, row) in unread_k2.iter().enumerate() {
-            for (j, unread_k2) in row.iter().enumerate() {
-                let (one, other) = (COLUMNS + i.min(j), COLUMNS + i.max(j));
-                let slopes =
-                    member.mean[one] * member.mean[other] / noise + member.cov[place(width, one, other)];
-                sum += unread_k2 * slopes;
-            }
-        }
-        sum.max(0.0)
     }
 
     /// Sets the onset's regressor.

@@ -11,7 +11,7 @@
 //! q = E[b'U b]
 //! ```
 //!
-//! with U the covariance of the filters' errors by what the temperature did between its readings (`unread.rs`; zero where they are dense):
+//! with U the covariance of the filters' errors by what the temperature did since its last reading (`unread.rs`; zero where they are dense):
 //! y has Student's t law with 2 alpha degrees of freedom, S = R + q / sigma^2 + H P H' and scale^2 = S beta / alpha. Two more terms
 //! keep wild readings and sudden weather from being learned as something else:
 //!

@@ -142,7 +142,7 @@ impl Detector {
         wider
     }
 
-    /// A period as the banks take it. What the temperature did between its readings adds one variance for all of them, by the slopes of
+    /// A period as the banks take it. What the temperature did since its last reading adds one variance for all of them, by the slopes of
     /// the null bank: no bank may gain from slopes that would make it less.
     pub(super) fn row(&self, seen: &Seen) -> Option<Row> {
         let mut row = Row::new(&self.prior, seen)?;

@@ -58,7 +58,7 @@ pub struct Period {
     /// Low-passed temperatures beside delta \[degC\], as [`Filters`] has them; `None` if not known.
     #[serde(default)]
     pub filtered_c: Option<[f64; FILTERS_D.len()]>,
-    /// Covariance of their errors by what the temperature did between its readings \[K^2\]; `None` where readings are dense, and once
+    /// Covariance of their errors by what the temperature did since its last reading \[K^2\]; `None` where readings are dense, and once
     /// the watch has taken the period.
     #[serde(skip)]
     pub unread_k2: Option<Covariance>,

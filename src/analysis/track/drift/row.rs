@@ -31,7 +31,7 @@ pub struct Seen<'a> {
     pub sd: f64,
     /// Regressors, as many as the prior has columns.
     pub columns: &'a [f64],
-    /// Covariance of the errors of the filters among the columns by what the temperature did between its readings \[K^2\]; `None`
+    /// Covariance of the errors of the filters among the columns by what the temperature did since its last reading \[K^2\]; `None`
     /// without filters, or where readings are dense.
     pub unread_k2: Option<&'a Covariance>,
 }
@@ -62,7 +62,7 @@ pub(super) struct Row {
     pub error: f64,
     /// Regressors of the whole state.
     pub x: Vec<f64>,
-    /// Variance of the ratio by what the temperature did between its readings.
+    /// Variance of the ratio by what the temperature did since its last reading.
     pub unread: f64,
 }
 

@@ -68,6 +68,21 @@ impl Detector {
         Some(moments(&parts).0)
     }
 
+    /// Earliest credible onset \[d\] and mean of a change alone, as [`Detector::change_since`] has them.
+    pub(super) fn movement_since(&self, after: Option<f64>, from: Option<f64>) -> Option<(f64, f64)> {
+        let (day, weights) = (self.last_day()?, self.shares(after)?);
+        let particles = || self.particles.iter().zip(&weights);
+        let parts: Vec<Normal> = particles()
+            .map(|(particle, &weight)| particle.part(day, weight, particle.bank.change()))
+            .collect();
+        let onsets: Vec<_> = particles()
+            .map(|(particle, weight)| (particle.onsets.after(from), *weight))
+            .collect();
+        let onsets: Vec<_> = onsets.iter().map(|(law, weight)| (law, *weight)).collect();
+        let [first] = onset::quantiles(&onsets, [QUANTILES[0]]);
+        Some((first, moments(&parts).0))
+    }
+
     /// Posterior of a change over the onset particles; `None` before the first is born.
     pub fn change(&self) -> Option<Change> {
         self.change_since(None, None)

@@ -23,11 +23,6 @@ const GROWTH_SHARE: f64 = 0.5;
 
 /// Reports a drift again that has grown or turned since it was told, acknowledged or not.
 pub(super) fn look_at_growth(tracker: &mut Tracker, period: &Period, others: &Others, time: Timestamp) {
-    // Moved together, they point to the thermometer.
-    let watch = tracker.state.watch.get();
-    if !watch.is_some_and(|watch| watch.is_calm(others, period.index)) {
-        return;
-    }
     let is_drift = |alarm: &Alarm| alarm.kind == Kind::Drift && alarm.cleared.is_none();
     let Some((alarm, told)) = (tracker.state.alarms.iter())
         .find(|alarm| is_drift(alarm))
@@ -35,6 +30,11 @@ pub(super) fn look_at_growth(tracker: &mut Tracker, period: &Period, others: &Ot
     else {
         return;
     };
+    // Moved together, they point to the thermometer.
+    let watch = tracker.state.watch.get();
+    if !watch.is_some_and(|watch| watch.is_calm(others, period.index)) {
+        return;
+    }
     let periods = tracker.state.periods.iter().chain([period]);
     let since: Vec<&Period> = periods.filter(|period| period.time() > alarm.told).collect();
     let Some(size) = grown(tracker, &told.size, &since) else {

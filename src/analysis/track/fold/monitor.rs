@@ -73,12 +73,16 @@ pub(crate) fn tell_ahead(tracker: &mut Tracker, others: &Others, time: Timestamp
     if !is_suspect || tracker.state.drifts() || is_misled {
         return;
     }
+    // Large, and only read.
+    let (shift, periods) = (tracker.shift.take(), std::mem::take(&mut tracker.state.periods));
     let mut ahead = tracker.clone();
-    let Some(mut period) = ahead.take_period() else {
-        return;
-    };
-    watch(&mut ahead, &mut period, others);
-    look_at_finding(&mut ahead, &period, others, time);
+    (ahead.shift, ahead.state.periods) = (shift, periods);
+    if let Some(mut period) = ahead.take_period() {
+        watch(&mut ahead, &mut period, others);
+        look_at_finding(&mut ahead, &period, others, time);
+    }
+    tracker.shift = ahead.shift.take();
+    tracker.state.periods = std::mem::take(&mut ahead.state.periods);
     // What shows only relative to the others waits until they have their say on the period.
     if ahead.state.drifts() && ahead.state.watch.get().is_some_and(DriftWatch::shows_alone) {
         tracker.state.alarms = ahead.state.alarms;
@@ -208,14 +212,24 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
         watch.restart();
         return;
     }
-    if matches!(finding, Finding::Quiet | Finding::Waiting) {
+    let state = &tracker.state;
+    let is_known = match finding {
+        Finding::Quiet | Finding::Waiting => true,
+        Finding::Drift(witness) => {
+            drifts && !(witness == Witness::Confirmed && state.alarms.iter().any(is_unconfirmed))
+        }
+        // A rod that was reported by itself stays so; one that moves alone is confirmed before others seem to move with it.
+        Finding::Common => {
+            drifts || state.holds(Kind::Common) || others.has_told_common(period.index) || !has_lasted
+        }
+    };
+    if is_known {
         return;
     }
     let Some(change) = change_now(tracker) else { return };
-    let state = &tracker.state;
     match finding {
         Finding::Quiet | Finding::Waiting => {}
-        Finding::Drift(_) if drifts => confirm(tracker, finding, &change, period, time),
+        Finding::Drift(_) if drifts => confirm(tracker, &change, period, time),
         Finding::Drift(witness) => {
             let alternatives = explain(tracker, &change, Some(period));
             let p = axial_p(tracker, period, change.onset);
@@ -250,10 +264,6 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
             }
             tracker.state.watches.begin(cause);
         }
-        // A rod that was reported by itself stays so; one that moves alone is confirmed before others seem to move with it.
-        Finding::Common
-            if drifts || state.holds(Kind::Common) || others.has_told_common(period.index) || !has_lasted => {
-        }
         Finding::Common => {
             let moving = state
                 .watch
@@ -280,17 +290,14 @@ fn has_lasted(state: &State) -> bool {
     before.filter(is_above).count() == COMMON_PERIODS - 1
 }
 
-/// Reports a change again once the other rods confirm it.
-fn confirm(tracker: &mut Tracker, finding: Finding, change: &Change, period: &Period, time: Timestamp) {
-    let is_unconfirmed =
-        |alarm: &Alarm| alarm.cleared.is_none() && alarm.witness == Some(Witness::Unconfirmed);
-    let Some(alarm) = tracker
-        .state
-        .alarms
-        .iter()
-        .find(|alarm| is_unconfirmed(alarm))
-        .filter(|_| finding == Finding::Drift(Witness::Confirmed))
-    else {
+/// True for an alarm that the other rods have not confirmed yet.
+fn is_unconfirmed(alarm: &Alarm) -> bool {
+    alarm.cleared.is_none() && alarm.witness == Some(Witness::Unconfirmed)
+}
+
+/// Reports a change again that the other rods confirm now.
+fn confirm(tracker: &mut Tracker, change: &Change, period: &Period, time: Timestamp) {
+    let Some(alarm) = tracker.state.alarms.iter().find(|alarm| is_unconfirmed(alarm)) else {
         return;
     };
     let alternatives = explain(tracker, change, Some(period));

@@ -66,17 +66,25 @@ impl DriftWatch {
 
     /// Onset, size and shape of the change, by the best-informed detector of the last period.
     pub(crate) fn change(&self) -> Option<Change> {
+        self.by_informed(Detector::change_since)
+    }
+
+    /// Its earliest credible onset \[d\] and its size.
+    pub(super) fn onset_and_size(&self) -> Option<(f64, f64)> {
+        self.by_informed(Detector::movement_since)
+    }
+
+    /// An answer about changes that began after a time, with onsets after another, of the best-informed detector that has one.
+    fn by_informed<T>(&self, of: impl Fn(&Detector, Option<f64>, Option<f64>) -> Option<T>) -> Option<T> {
         // What stands in counts onsets since the middle of the last period that a better-informed one took. That period may have
         // been a mixture: the onset may lie in it.
-        let change = |(detector, since): (&Detector, Option<f64>)| {
-            detector.change_since(
-                since,
-                since
-                    .zip(self.informed_from())
-                    .map(|(since, from)| since.min(from)),
-            )
+        let answer = |(detector, since): (&Detector, Option<f64>)| {
+            let from = since
+                .zip(self.informed_from())
+                .map(|(since, from)| since.min(from));
+            of(detector, since, from)
         };
-        self.informed().find_map(change)
+        self.informed().find_map(answer)
     }
 
     /// Change of the ratio of a record since commissioning at the reference temperature, and its standard deviation; `None`

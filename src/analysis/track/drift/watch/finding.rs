@@ -98,10 +98,10 @@ impl DriftWatch {
 
     /// The change as other rods may share it: theirs may be up to twice as old as its earliest credible onset.
     pub(crate) fn movement(&self) -> Option<Movement> {
-        let (change, now) = (self.change()?, self.blind.began()?);
+        let ((onset, size), now) = (self.onset_and_size()?, self.blind.began()?);
         Some(Movement {
-            since: 2.0 * change.onset_interval[0] - now,
-            size: change.size,
+            since: 2.0 * onset - now,
+            size,
             slope_per_k: self.slope().map(|(slope, _)| slope),
         })
     }

@@ -59,13 +59,14 @@ const HIGHEST_HZ: f64 = 1e5;
   tirante identify --frequencies 4.492,9.288 \\
       --measured side=70.1,70.4,69.9mm+-0.2mm")]
 pub struct Args {
-    /// Recording (MCAP), or file of another program; all its records are identified.
+    /// Recordings (MCAP), folders of them, or files of other programs; all their records are identified. Files of one sensor each make
+    /// one motion of a rod with several.
     #[arg(
         value_name = "PATH",
         required_unless_present = "frequencies",
         conflicts_with = "frequencies"
     )]
-    pub path: Option<PathBuf>,
+    pub paths: Vec<PathBuf>,
 
     /// Natural frequencies in Hz of modes 1, 2, ... up to 5, separated by commas; '-' where a mode was
     /// not measured.
@@ -117,10 +118,9 @@ pub struct Args {
 /// # Errors
 /// Bad arguments or configuration, or a recording that cannot be read at all.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    match (&args.frequencies, &args.path) {
-        (Some(list), _) => from_frequencies(args, list),
-        (None, Some(path)) => from_recording(args, path),
-        (None, None) => Err(BadArguments("a recording or --frequencies is needed".to_owned()).into()),
+    match &args.frequencies {
+        Some(list) => from_frequencies(args, list),
+        None => from_recordings(args),
     }
 }
 
@@ -154,17 +154,17 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
     Ok(code)
 }
 
-fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
+fn from_recordings(args: &Args) -> anyhow::Result<ExitCode> {
     let mut config = args.setup.load()?;
     if let Some(id) = &args.rod {
         let rod = setup::choose_rod(&config, Some(id))?.analysis.rod.clone();
         config.rods.retain(|candidate| candidate.analysis.rod == rod);
     }
     let plans = Arc::new(setup::plans(&config)?);
-    let paths = std::slice::from_ref(path);
     let known = Known::new();
     let reading = Reading::default();
-    let others = args.foreign.among(&args.setup, true);
+    // Alone, a file may begin at any time.
+    let others = args.foreign.among(&args.setup, args.paths.len() < 2);
     let tests = if args.tests.is_empty() {
         None
     } else {
@@ -192,7 +192,7 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
         }
         Ok(Became::New)
     };
-    let tally = campaign::run(paths, &config, &plans, &reading, others, &known, on_event)?;
+    let tally = campaign::run(&args.paths, &config, &plans, &reading, others, &known, on_event)?;
     let code = campaign::conclude(tally);
     Ok(match refused_with_tests && code == ExitCode::SUCCESS {
         true => ExitCode::from(WITH_LOSSES),

@@ -10,5 +10,6 @@ mod import;
 mod mcap;
 mod mutation;
 mod packaging;
+mod sensor_files;
 mod sensors;
 mod simulate;

@@ -13,3 +13,4 @@ mod packaging;
 mod sensor_files;
 mod sensors;
 mod simulate;
+mod with_mass;

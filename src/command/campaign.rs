@@ -14,7 +14,7 @@ use crate::site::driver::{self, Done, Held, Job, Taker};
 use crate::site::motion;
 use crate::site::ordered_map::Limits;
 use crate::site::prepared::Plans;
-use crate::site::records::{Others, in_order, opener};
+use crate::site::records::{AnyFile, Others, in_order};
 use crate::site::store::Position;
 use crate::site::trackers::Taken;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
@@ -193,7 +193,8 @@ pub fn run(
 ) -> anyhow::Result<Option<Tally>> {
     let files = in_order(read::recordings(paths), &others.how);
     if others.how.start.is_some() && files.len() > 1 {
-        let why = "--start says when one file began, and several are given: replay them one by one";
+        let why = "--start says when one file began, and several are given: replay them one by one, or `tirante import` each with its own \
+                   --start and replay the recordings together";
         return Err(BadArguments(why.to_owned()).into());
     }
     let total: u64 = files
@@ -209,9 +210,9 @@ pub fn run(
     let done = Arc::new(AtomicU64::new(0));
     let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
     let (is_meant, needs_all) = (others.is_meant, others.needs_all);
-    let open = opener(others, channels.clone(), config.record, foreign::watch);
+    let opener = AnyFile::new(others, channels.clone(), config.record, foreign::watch);
     let input =
-        Recordings::new(files, channels, config.record, reading.follow, Arc::clone(&done)).opened_by(open);
+        Recordings::new(files, channels, config.record, reading.follow, Arc::clone(&done)).opened_by(opener);
     let workers = reading.workers();
 
     let held = Held::new(config.track.reorder_window_s);

@@ -59,13 +59,14 @@ const HIGHEST_HZ: f64 = 1e5;
   tirante identify --frequencies 4.492,9.288 \\
       --measured side=70.1,70.4,69.9mm+-0.2mm")]
 pub struct Args {
-    /// Recording (MCAP), or file of another program; all its records are identified.
+    /// Recordings (MCAP), folders of them, or files of other programs; all their records are identified. Files of one sensor each make
+    /// one motion of a rod with several.
     #[arg(
         value_name = "PATH",
         required_unless_present = "frequencies",
         conflicts_with = "frequencies"
     )]
-    pub path: Option<PathBuf>,
+    pub paths: Vec<PathBuf>,
 
     /// Natural frequencies in Hz of modes 1, 2, ... up to 5, separated by commas; '-' where a mode was
     /// not measured.
@@ -117,10 +118,9 @@ pub struct Args {
 /// # Errors
 /// Bad arguments or configuration, or a recording that cannot be read at all.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    match (&args.frequencies, &args.path) {
-        (Some(list), _) => from_frequencies(args, list),
-        (None, Some(path)) => from_recording(args, path),
-        (None, None) => Err(BadArguments("a recording or --frequencies is needed".to_owned()).into()),
+    match &args.frequencies {
+        Some(list) => from_frequencies(args, list),
+        None => from_recordings(args),
     }
 }
 
@@ -140,7 +140,7 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
     let plan = plans
         .get(&rod)
         .ok_or_else(|| anyhow!("the rod {rod} has no plan"))?;
-    let tests = tests_of(args, &config, &plans, plan)?;
+    let tests = tests_of(args, &config, plan)?;
     let found = match tests {
         None => plan.run_frequencies(modes),
         Some(tests) => plan.run_with(modes, &tests.data),
@@ -154,17 +154,17 @@ fn from_frequencies(args: &Args, list: &str) -> anyhow::Result<ExitCode> {
     Ok(code)
 }
 
-fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
+fn from_recordings(args: &Args) -> anyhow::Result<ExitCode> {
     let mut config = args.setup.load()?;
     if let Some(id) = &args.rod {
         let rod = setup::choose_rod(&config, Some(id))?.analysis.rod.clone();
         config.rods.retain(|candidate| candidate.analysis.rod == rod);
     }
     let plans = Arc::new(setup::plans(&config)?);
-    let paths = std::slice::from_ref(path);
     let known = Known::new();
     let reading = Reading::default();
-    let others = args.foreign.among(&args.setup, true);
+    // Alone, a file may begin at any time.
+    let others = args.foreign.among(&args.setup, args.paths.len() < 2);
     let tests = if args.tests.is_empty() {
         None
     } else {
@@ -175,7 +175,7 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
         let plan = plans
             .get(&rod)
             .ok_or_else(|| anyhow!("the rod {rod} has no plan"))?;
-        tests_of(args, &config, &plans, plan)?
+        tests_of(args, &config, plan)?
     };
     let (mut forces, mut refused_with_tests) = (0, false);
     let on_event = |analysed: &Analysed, _: Option<Position<'_>>, _: Option<[u8; 32]>, bar: &Progress| {
@@ -192,7 +192,7 @@ fn from_recording(args: &Args, path: &PathBuf) -> anyhow::Result<ExitCode> {
         }
         Ok(Became::New)
     };
-    let tally = campaign::run(paths, &config, &plans, &reading, others, &known, on_event)?;
+    let tally = campaign::run(&args.paths, &config, &plans, &reading, others, &known, on_event)?;
     let code = campaign::conclude(tally);
     Ok(match refused_with_tests && code == ExitCode::SUCCESS {
         true => ExitCode::from(WITH_LOSSES),
@@ -209,7 +209,7 @@ fn keep_draws(args: &Args, outcome: &Outcome, number: usize) -> anyhow::Result<(
 }
 
 /// The tests given, those of a record with a mass included; `None` without any.
-fn tests_of(args: &Args, config: &Config, plans: &Arc<Plans>, plan: &Plan) -> anyhow::Result<Option<Tests>> {
+fn tests_of(args: &Args, config: &Config, plan: &Plan) -> anyhow::Result<Option<Tests>> {
     if args.tests.is_empty() {
         return Ok(None);
     }
@@ -224,6 +224,8 @@ fn tests_of(args: &Args, config: &Config, plans: &Arc<Plans>, plan: &Plan) -> an
     }
     if let Some(path) = &args.tests.with_mass {
         let (mut loaded, mut refusals) = (Vec::new(), Vec::new());
+        let config = tests.with_room(config, plan);
+        let plans = Arc::new(setup::plans(&config)?);
         let others = args.foreign.among(&args.setup, true);
         let paths = std::slice::from_ref(path);
         let on_event = |analysed: &Analysed, _: Option<Position<'_>>, _: Option<[u8; 32]>, _: &Progress| {
@@ -238,8 +240,8 @@ fn tests_of(args: &Args, config: &Config, plans: &Arc<Plans>, plan: &Plan) -> an
         };
         let tally = campaign::run(
             paths,
-            config,
-            plans,
+            &config,
+            &plans,
             &Reading::default(),
             others,
             &Known::new(),
@@ -248,27 +250,51 @@ fn tests_of(args: &Args, config: &Config, plans: &Arc<Plans>, plan: &Plan) -> an
         if let Some(tally) = tally {
             tell!("--with-mass {}: {tally}", path.display());
         }
-        match loaded.as_slice() {
-            [modes] => tests.add_loaded(modes, prior)?,
-            [] => {
-                let message = format!(
-                    "--with-mass {}: no record of it gives frequencies: {}",
-                    path.display(),
-                    refusals.first().map_or("it has none of the rod", String::as_str)
-                );
-                return Err(BadArguments(message).into());
-            }
-            several => {
-                let message = format!(
-                    "--with-mass {}: holds {} records of the rod, one is wanted",
-                    path.display(),
-                    several.len()
-                );
-                return Err(BadArguments(message).into());
-            }
+        if loaded.is_empty() {
+            let message = format!(
+                "--with-mass {}: no record of it gives frequencies: {}",
+                path.display(),
+                refusals.first().map_or("it has none of the rod", String::as_str)
+            );
+            return Err(BadArguments(message).into());
         }
+        tests.add_loaded(&mean_modes(&loaded), prior)?;
     }
     Ok(Some(tests))
+}
+
+/// Modes of several records of one moment: weighted means, with the scatter between the records where it is larger than their errors.
+fn mean_modes(records: &[Vec<Mode>]) -> Vec<Mode> {
+    let mut orders: Vec<usize> = records.iter().flatten().map(|mode| mode.order).collect();
+    orders.sort_unstable();
+    orders.dedup();
+    let mean = |order: usize| {
+        let seen: Vec<&Mode> = records
+            .iter()
+            .flatten()
+            .filter(|mode| mode.order == order)
+            .collect();
+        let weight = |mode: &&Mode| mode.sd_hz.powi(-2);
+        let weights: f64 = seen.iter().map(weight).sum();
+        let frequency_hz = seen
+            .iter()
+            .map(|mode| weight(mode) * mode.frequency_hz)
+            .sum::<f64>()
+            / weights;
+        let chi_square: f64 = seen
+            .iter()
+            .map(|mode| weight(mode) * (mode.frequency_hz - frequency_hz).powi(2))
+            .sum();
+        let scatter = chi_square / (seen.len() - 1).max(1) as f64;
+        let sd_hz = (scatter.max(1.0) / weights).sqrt();
+        let first = seen.first().copied()?;
+        Some(Mode {
+            frequency_hz,
+            sd_hz,
+            ..*first
+        })
+    };
+    orders.into_iter().filter_map(mean).collect()
 }
 
 /// A record's outcome with the tests; `None` if the record alone gave no force.

@@ -1,13 +1,15 @@
 //! Tests of a rod as flags of `identify`, and a description of their effect on the force.
 
 use super::BadArguments;
+use crate::analysis::identify::Plan;
 use crate::analysis::inference::Tested;
 use crate::analysis::inference::joint::{Datum, Sampler};
 use crate::analysis::rod::beam::Quantity;
 use crate::analysis::rod::beam::receptance::PointMass;
 use crate::analysis::rod::prior::RodPrior;
-use crate::analysis::rod::query::Query;
+use crate::analysis::rod::query::{Queries, Query};
 use crate::analysis::signal::modes::Mode;
+use crate::config::Config;
 use crate::config::datum::{self, Kind};
 
 /// Score from which a datum is marked.
@@ -70,6 +72,9 @@ pub struct Tests {
     /// The mass that frequencies or a record belong to.
     pub mass: Option<PointMass>,
 }
+
+/// Most of a frequency that a mass may take before its modes need windows of their own.
+const MOST_ROOM: f64 = 0.2;
 
 impl TestFlags {
     /// Data of a rod with this prior.
@@ -147,6 +152,31 @@ impl TestFlags {
 }
 
 impl Tests {
+    /// A configuration whose labels know the rod with the mass on it: what the mass takes from each frequency at the prior's centre is
+    /// allowed beside the model's discrepancy. Frequencies do not hang on it.
+    pub fn with_room(&self, config: &Config, plan: &Plan) -> Config {
+        let mut config = config.clone();
+        let settings = plan.settings();
+        let Some(mass) = self.mass else { return config };
+        for rod in &mut config.rods {
+            if rod.analysis.rod != settings.rod {
+                continue;
+            }
+            for (slot, discrepancy) in rod.analysis.discrepancy.iter_mut().enumerate() {
+                let query = Query::FrequencyRatio {
+                    order: slot + 1,
+                    mass,
+                };
+                let mut ratio = [1.0];
+                let asked = Queries::new(*settings.prior.parameterisation(), vec![query]);
+                if asked.is_some_and(|asked| asked.answers(&settings.prior.centre(), &mut ratio).is_ok()) {
+                    *discrepancy = discrepancy.hypot(1.0 - ratio[0]).min(MOST_ROOM);
+                }
+            }
+        }
+        config
+    }
+
     /// Adds the frequencies of the rod with the mass on it.
     ///
     /// # Errors

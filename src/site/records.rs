@@ -4,12 +4,12 @@ use crate::analysis::signal::record::{Event, RecordSettings, RodChannels};
 use crate::analysis::track::ordered::Ordered;
 use crate::config::Config;
 use crate::recording::import::{self, How, Whose};
-use crate::recording::read::folder::first_time;
+use crate::recording::read::folder::{Span, first_time};
 use crate::recording::read::recordings::FileResult;
-use crate::recording::read::{self, Opener, Recordings, SourceError, Step};
+use crate::recording::read::{self, Opener, Options, Recording, Recordings, SourceError, Step};
 use std::fs::File;
 use std::io::Read;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Wraps a file, whose length is given, while it is read.
 pub type Watch = fn(File, u64) -> Box<dyn Read>;
@@ -39,10 +39,10 @@ impl Records {
     pub fn open(paths: &[PathBuf], config: &Config, others: Others) -> Self {
         let files = in_order(read::recordings(paths), &others.how);
         let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
-        let open = opener(others, channels.clone(), config.record, |file, _| Box::new(file));
+        let opener = AnyFile::new(others, channels.clone(), config.record, |file, _| Box::new(file));
         let input = Recordings::new(files, channels, config.record, false, Default::default());
         Self {
-            input: input.opened_by(open),
+            input: input.opened_by(opener),
             order: Ordered::new(config.track.reorder_window_s),
             files: Vec::new(),
         }
@@ -96,14 +96,41 @@ pub fn in_order(files: Vec<Result<PathBuf, SourceError>>, how: &How) -> Vec<Resu
     timed.into_iter().map(|(_, file)| file).collect()
 }
 
-/// Opens recordings and other programs' files.
-pub fn opener(others: Others, rods: Vec<RodChannels>, settings: RecordSettings, watch: Watch) -> Opener {
-    Box::new(move |path, options| {
-        let whose = Whose {
-            rods: &rods,
-            is_meant: others.is_meant,
-            any_start: others.any_start,
-        };
-        import::open(path, &others.how, whose, &settings, options.clone(), &watch)
-    })
+/// Opens recordings and other programs' files for configured rods.
+pub struct AnyFile {
+    others: Others,
+    rods: Vec<RodChannels>,
+    settings: RecordSettings,
+    watch: Watch,
+}
+
+impl AnyFile {
+    /// With the options for other programs' files.
+    pub fn new(others: Others, rods: Vec<RodChannels>, settings: RecordSettings, watch: Watch) -> Self {
+        Self {
+            others,
+            rods,
+            settings,
+            watch,
+        }
+    }
+
+    fn whose(&self) -> Whose<'_> {
+        Whose {
+            rods: &self.rods,
+            is_meant: self.others.is_meant,
+            any_start: self.others.any_start,
+        }
+    }
+}
+
+impl Opener for AnyFile {
+    fn open(&self, path: &Path, options: &Options) -> Result<Recording, SourceError> {
+        let (how, settings) = (&self.others.how, &self.settings);
+        import::open(path, how, self.whose(), settings, options.clone(), &self.watch)
+    }
+
+    fn span(&self, path: &Path) -> Option<Span> {
+        import::span(path, &self.others.how, self.whose())
+    }
 }

@@ -10,5 +10,7 @@ mod import;
 mod mcap;
 mod mutation;
 mod packaging;
+mod sensor_files;
 mod sensors;
 mod simulate;
+mod with_mass;

@@ -3,7 +3,7 @@
 use super::asked::{Asked, Wanted, channels_of, choose, told};
 use super::contents::describe;
 use super::{ImportError, Signal, ramp};
-use crate::analysis::signal::record::{RodChannels, Unit};
+use crate::analysis::signal::record::{Channel, RodChannels, Unit};
 
 /// Most channels named in an error.
 const NAMED: usize = 12;
@@ -13,7 +13,7 @@ type Chosen = (Vec<(Signal, Wanted)>, Vec<String>);
 
 /// A file's channels under the topics of the rods that read them, and notes on the assignments made. Without
 /// `is_meant`, the configuration was not named for this file, and only channels with the name of a topic are
-/// assigned.
+/// assigned. `stem`: name of the file without its ending.
 ///
 /// # Errors
 /// The assignment is not clear; the sentence names the channels and the next step.
@@ -21,9 +21,10 @@ pub(super) fn for_rods(
     signals: Vec<Signal>,
     asked: &Asked<'_>,
     is_meant: bool,
+    stem: &str,
 ) -> Result<Chosen, ImportError> {
     if !asked.channels.is_empty() {
-        return named(signals, asked, is_meant);
+        return named(signals, asked, is_meant, stem);
     }
     let is_topic = |signal: &Signal| channels_of(asked.rods).any(|(_, channel)| channel.topic == signal.name);
     let is_sensor = |signal: &Signal| {
@@ -39,7 +40,7 @@ pub(super) fn for_rods(
         return Ok((chosen.map(under).collect(), Vec::new()));
     }
     match asked.rods {
-        [rod] if is_meant => only(signals, rod),
+        [rod] if is_meant => only(signals, rod, sensor(rod, stem)?),
         [_] => Err(of_nobody(&signals)),
         rods => Err(ImportError::new(format!(
             "none of its channels is called like a topic of the configuration; {}; --channel SOURCE=TOPIC says which is which \
@@ -57,6 +58,37 @@ fn as_topic(signal: Signal, topic: String) -> (Signal, Wanted) {
         unit: None,
     };
     (signal, wanted)
+}
+
+/// The sensor of a file whose channels do not name it: the only one, or that whose topic ends the file's name.
+fn sensor<'r>(rod: &'r RodChannels, stem: &str) -> Result<&'r Channel, ImportError> {
+    if rod.beside.is_none() {
+        return Ok(&rod.displacement);
+    }
+    let words = |text: &str| -> Vec<String> {
+        let words = text.split(|c: char| !c.is_alphanumeric());
+        words
+            .filter(|word| !word.is_empty())
+            .map(str::to_lowercase)
+            .collect()
+    };
+    let named = words(stem);
+    let fits = |channel: &&Channel| {
+        let topic = words(&channel.topic);
+        !topic.is_empty() && named.ends_with(&topic)
+    };
+    let found = rod
+        .sensors()
+        .filter(fits)
+        .max_by_key(|channel| words(&channel.topic).len());
+    found.ok_or_else(|| {
+        ImportError::new(format!(
+            "rod {} has several sensors, and nothing says which of them this file is: name its column, or the end of the file's name, \
+             like the topic, or say --channel SOURCE=TOPIC ({})",
+            rod.rod,
+            topics(std::slice::from_ref(rod))
+        ))
+    })
 }
 
 /// Topics of sensors.
@@ -89,7 +121,7 @@ fn is_temperature(signal: &Signal) -> bool {
 }
 
 /// Channels asked for by name; one without a topic is that of the only rod.
-fn named(signals: Vec<Signal>, asked: &Asked<'_>, is_meant: bool) -> Result<Chosen, ImportError> {
+fn named(signals: Vec<Signal>, asked: &Asked<'_>, is_meant: bool, stem: &str) -> Result<Chosen, ImportError> {
     let mut found: Vec<(Signal, Wanted)> = Vec::new();
     let mut notes = Vec::new();
     for (signal, wanted) in choose(signals, asked.channels)? {
@@ -103,7 +135,8 @@ fn named(signals: Vec<Signal>, asked: &Asked<'_>, is_meant: bool) -> Result<Chos
                 let is_thermometer =
                     unit.map_or(is_temperature(&signal), |unit| Unit::TEMPERATURE.contains(&unit));
                 let thermometer = rod.temperature.as_ref().filter(|_| is_thermometer);
-                thermometer.unwrap_or(&rod.displacement).topic.clone()
+                let channel = thermometer.map_or_else(|| sensor(rod, stem), Ok)?;
+                channel.topic.clone()
             }
             (None, [_]) => return Err(of_nobody(&[signal])),
             (None, rods) => {
@@ -140,14 +173,14 @@ fn of_nobody(signals: &[Signal]) -> ImportError {
     ))
 }
 
-/// Channels of the only rod: the one channel of motion, and the one thermometer.
-fn only(signals: Vec<Signal>, rod: &RodChannels) -> Result<Chosen, ImportError> {
+/// Channels of the only rod: the one channel of motion, which is that of `sensor`, and the one thermometer.
+fn only(signals: Vec<Signal>, rod: &RodChannels, sensor: &Channel) -> Result<Chosen, ImportError> {
     let motion: Vec<usize> = (0..signals.len())
         .filter(|index| !is_temperature(&signals[*index]) && !ramp::is_time(&signals[*index]))
         .collect();
     let of_unit = |index: &&usize| {
         let written = signals[**index].unit.as_deref();
-        written.and_then(Unit::as_written) == Some(rod.displacement.unit)
+        written.and_then(Unit::as_written) == Some(sensor.unit)
     };
     let in_unit: Vec<usize> = motion.iter().filter(of_unit).copied().collect();
     let taken = match (&motion[..], &in_unit[..]) {
@@ -179,7 +212,7 @@ fn only(signals: Vec<Signal>, rod: &RodChannels) -> Result<Chosen, ImportError> 
     for (index, signal) in signals.into_iter().enumerate() {
         let topic = match &thermometer {
             Some((at, topic)) if *at == index => topic.clone(),
-            _ if index == taken => rod.displacement.topic.clone(),
+            _ if index == taken => sensor.topic.clone(),
             _ => continue,
         };
         notes.push(format!("{} is read as {topic} of rod {}", told(&signal), rod.rod));

@@ -33,7 +33,7 @@ pub use self::asked::{Asked, Wanted, unknown_unit};
 pub use self::contents::{Contents, How, describe, read};
 pub use self::format::Format;
 pub use self::open::{
-    Opened, Seen, Whose, begins, format, lacks_rate, lacks_time_unit, open, open_any, topics,
+    Opened, Seen, Whose, begins, format, lacks_rate, lacks_time_unit, open, open_any, span, topics,
 };
 pub use self::plan::Plan;
 pub use self::stamp::{DateOrder, TimeUnit, utc_offset};

@@ -11,6 +11,7 @@ use crate::analysis::signal::record::{
     Channel, RecordSettings, RodChannels, RodId, TimeSource, Timestamp, Unit,
 };
 use crate::recording::read::contents::{Content, contents};
+use crate::recording::read::folder::Span;
 use crate::recording::read::{Options, Recording, SourceError};
 use crate::recording::write::{Encoding, Layout};
 use std::fs::File;
@@ -83,12 +84,8 @@ pub fn open(
             "cannot be followed while it is written, only a recording (MCAP) can: leave --follow out",
         )));
     }
-    let mut asked = how.asked(whose.rods);
-    asked.start_else = whose.any_start.then_some(Timestamp::from_nanos(0));
-    asked.keeps_stamps = true;
     contents.check_full_scale().map_err(refuse)?;
-    let (chosen, mut notes) = for_rods(contents.signals, &asked, whose.is_meant).map_err(refuse)?;
-    let plan = Plan::to_read(chosen, &asked).map_err(refuse)?;
+    let (plan, mut notes) = planned(path, contents.signals, how, whose).map_err(refuse)?;
     if plan.channels.iter().any(|planned| !planned.says_start) {
         notes.push(
             "the file does not say when it began, its times count from 1970 (--start says it)".to_owned(),
@@ -122,6 +119,47 @@ pub fn open(
         recording.note(format!("{name}: {note}"));
     }
     Ok(recording)
+}
+
+/// Channels of a file under the topics of the rods that read them, and notes on the assignments made.
+fn planned(
+    path: &Path,
+    signals: Vec<Signal>,
+    how: &How,
+    whose: Whose<'_>,
+) -> Result<(Plan, Vec<String>), ImportError> {
+    let mut asked = how.asked(whose.rods);
+    asked.start_else = whose.any_start.then_some(Timestamp::from_nanos(0));
+    asked.keeps_stamps = true;
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let (chosen, notes) = for_rods(signals, &asked, whose.is_meant, &stem)?;
+    Ok((Plan::to_read(chosen, &asked)?, notes))
+}
+
+/// Time span and topics of another program's file that holds some of the sensors of a rod with several, if it says when it began.
+pub fn span(path: &Path, how: &How, whose: Whose<'_>) -> Option<Span> {
+    let mut rods = whose.rods.iter().filter(|rod| rod.beside.is_some()).peekable();
+    rods.peek()?;
+    let (contents, _) = foreign(path, how, &|file, _| Box::new(file)).ok()??;
+    let (plan, _) = planned(path, contents.signals, how, whose).ok()?;
+    let is_read = |planned: &Planned| planned.says_start && !planned.stretches.is_empty();
+    let is_sensor = |channel: &Channel| plan.channels.iter().any(|planned| planned.topic == channel.topic);
+    if !plan.channels.iter().all(is_read) || !rods.flat_map(RodChannels::sensors).any(is_sensor) {
+        return None;
+    }
+    let at = |time: Timestamp| u64::try_from(time.as_nanos()).ok();
+    let stretches = || {
+        let stretches = |planned: &Planned| (planned.fs_hz, planned.stretches.clone());
+        let all = plan.channels.iter().map(stretches);
+        all.flat_map(|(fs_hz, stretches)| stretches.into_iter().map(move |stretch| (fs_hz, stretch)))
+    };
+    Some(Span {
+        from: at(stretches().map(|(_, (start, _))| start).min()?)?,
+        to: at(stretches()
+            .map(|(fs_hz, (start, samples))| start.plus_seconds(samples.len() as f64 / fs_hz))
+            .max()?)?,
+        topics: plan.channels.into_iter().map(|planned| planned.topic).collect(),
+    })
 }
 
 /// Opens a file of any format without a configuration: every channel of motion is a rod of its own, named

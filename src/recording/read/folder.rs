@@ -75,9 +75,10 @@ pub(super) fn first_time_at(path: &Path) -> Option<u64> {
 }
 
 /// Time span and topics of a finished file's messages.
-pub(super) struct Span {
-    /// Earliest and latest log time \[ns since 1970\].
+pub struct Span {
+    /// Earliest log time \[ns since 1970\].
     pub from: u64,
+    /// The latest.
     pub to: u64,
     /// Topics that have messages.
     pub topics: BTreeSet<String>,

@@ -12,6 +12,7 @@ use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::fs::{self, File};
 use std::io::{Read, Seek, SeekFrom};
+use std::iter::Peekable;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -63,7 +64,7 @@ enum Stage {
     /// Its messages are read.
     Reading(FileReader<Box<dyn Input>>),
     /// Its samples are passed on as they are.
-    Given(Box<dyn Iterator<Item = Block> + Send>),
+    Given(Peekable<Box<dyn Iterator<Item = Block> + Send>>),
     /// It is at its end.
     Ended,
 }
@@ -197,8 +198,9 @@ impl Recording {
         rods: &[RodChannels],
         settings: &RecordSettings,
     ) -> Self {
+        let blocks: Box<dyn Iterator<Item = Block> + Send> = Box::new(blocks);
         Self {
-            stage: Stage::Given(Box::new(blocks)),
+            stage: Stage::Given(blocks.peekable()),
             router: Router::new(rods, settings),
             queue: VecDeque::new(),
             name: Arc::from(name),
@@ -292,7 +294,22 @@ impl Recording {
             return self.next_step();
         }
         self.router.limit(limit);
+        if limit < u64::MAX
+            && let Stage::Given(blocks) = &mut self.stage
+            && let Some(next) = blocks.peek()
+        {
+            let time = u64::try_from(next.time.as_nanos()).unwrap_or_default();
+            self.router.waits_until(time);
+            if time > limit {
+                return Step::More;
+            }
+        }
         self.step()
+    }
+
+    /// True if its samples come from another program's file.
+    pub(super) fn is_given(&self) -> bool {
+        matches!(self.stage, Stage::Given(_))
     }
 
     /// Log time up to which its messages were passed on \[ns\]; `None` before the first, and where they have

@@ -2,7 +2,8 @@
 //!
 //! Files of one series are one stream, as the parts of a journal are: nothing is cut where one ends and the
 //! next continues, and each rod of a site may have its own files. A file with a topic at times at which
-//! another file has it too (most likely a copy) is a series of its own, and so is one without a summary.
+//! another file has it too (most likely a copy) is a series of its own, and so is one without a summary, or of another program, unless it
+//! holds sensors of a rod with several.
 
 use super::folder::{Span, first_time_at, span_at};
 use super::route::{Rod, Router};
@@ -21,8 +22,17 @@ const FOLLOW_POLL: Duration = Duration::from_millis(200);
 /// Largest overlap of consecutive files of one series \[ns\]: messages at the seam come out of order.
 const SEAM_NS: u64 = 1_000_000_000;
 
-/// Opens a single file of any format.
-pub type Opener = Box<dyn Fn(&Path, &Options) -> Result<Recording, SourceError> + Send>;
+/// Opens files of any format.
+pub trait Opener: Send {
+    /// Opens one.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    fn open(&self, path: &Path, options: &Options) -> Result<Recording, SourceError>;
+
+    /// Time span and topics of one that is no recording and may be read beside others.
+    fn span(&self, path: &Path) -> Option<Span>;
+}
 
 /// Summary of a file, or the error that prevented reading it.
 pub type FileResult = Result<Summary, SourceError>;
@@ -64,7 +74,9 @@ pub struct Recordings {
     options: Options,
     done: Arc<AtomicU64>,
     bytes_of_closed: u64,
-    opener: Option<Opener>,
+    opener: Option<Box<dyn Opener>>,
+    /// Files that have no series yet.
+    unplanned: Vec<Result<PathBuf, SourceError>>,
     ready: VecDeque<Step<FileResult>>,
 }
 
@@ -82,7 +94,7 @@ impl Recordings {
             stop: Arc::default(),
             poll: FOLLOW_POLL,
         });
-        let mut recordings = Self {
+        Self {
             lanes: Vec::new(),
             streams: Vec::new(),
             channels,
@@ -91,16 +103,15 @@ impl Recordings {
             done,
             bytes_of_closed: 0,
             opener: None,
+            unplanned: files,
             ready: VecDeque::new(),
-        };
-        recordings.plan(files);
-        recordings
+        }
     }
 
     /// Uses `opener` to open files; without it all are MCAP.
-    pub fn opened_by(self, opener: Opener) -> Self {
+    pub fn opened_by(self, opener: impl Opener + 'static) -> Self {
         Self {
-            opener: Some(opener),
+            opener: Some(Box::new(opener)),
             ..self
         }
     }
@@ -117,7 +128,11 @@ impl Recordings {
                     continue;
                 }
             };
-            let span = span_at(&path).filter(|_| self.options.follow.is_none());
+            let foreign = || self.opener.as_ref()?.span(&path);
+            let span = match self.options.follow {
+                None => span_at(&path).or_else(foreign),
+                Some(_) => None,
+            };
             // A file of unknown start comes after the one before it.
             let begins = span
                 .as_ref()
@@ -186,7 +201,7 @@ impl Recordings {
         if let Input::Waiting(path) = &lane.input {
             let name: Arc<str> = Arc::from(path.display().to_string());
             let opened = match &self.opener {
-                Some(open) => open(path, &self.options),
+                Some(opener) => opener.open(path, &self.options),
                 None => Recording::open(path, &self.channels, &self.settings, self.options.clone()),
             };
             match opened {
@@ -218,6 +233,11 @@ impl Recordings {
             }
             Input::File(recording) => {
                 let stream = &mut self.streams[lane.series];
+                // Samples that are no messages take turns only where another file may belong to them.
+                let limit = match stream.is_open || !recording.is_given() {
+                    true => limit,
+                    false => u64::MAX,
+                };
                 recording.swap_rods(&mut stream.rods);
                 let polled = recording.poll_up_to(limit);
                 recording.swap_rods(&mut stream.rods);
@@ -313,6 +333,8 @@ impl Iterator for Recordings {
     type Item = Step<FileResult>;
 
     fn next(&mut self) -> Option<Step<FileResult>> {
+        let files = std::mem::take(&mut self.unplanned);
+        self.plan(files);
         loop {
             if let Some(step) = self.ready.pop_front() {
                 return Some(step);

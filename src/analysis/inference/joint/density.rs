@@ -9,6 +9,7 @@ use super::Datum;
 use super::datum::{SharedError, queries};
 use crate::rod::prior::{Prior, RodPrior};
 use crate::rod::query::Queries;
+use nalgebra::{DMatrix, DVector};
 
 /// Least standard error, as a share of the value: a density needs a width.
 const LEAST_ERROR: f64 = 1e-9;
@@ -145,6 +146,41 @@ impl Problem {
         (sum, log_factors)
     }
 
+    /// Information of the data in `mask` about coordinates in which the answers have these derivatives (a column a coordinate), and the
+    /// slope of their log density: J' V^-1 J and J' V^-1 r, with the covariance V of residuals r at the answers.
+    pub(super) fn information(
+        &self,
+        answers: &[f64],
+        derivatives: &DMatrix<f64>,
+        mask: &Mask,
+    ) -> (DMatrix<f64>, DVector<f64>) {
+        let d = derivatives.ncols();
+        let (mut information, mut slope) = (DMatrix::zeros(d, d), DVector::zeros(d));
+        // Per group: sum y J / v, sum y r / v, sum y^2 / v.
+        let mut groups = vec![(DVector::zeros(d), 0.0, 0.0); self.shared.len()];
+        for (i, (datum, &answer)) in self.data.iter().zip(answers).enumerate() {
+            if !mask[i] {
+                continue;
+            }
+            let row = derivatives.row(i).transpose();
+            let (residual, variance) = (datum.value - answer, variance(datum));
+            information.ger(1.0 / variance, &row, &row, 1.0);
+            slope.axpy(residual / variance, &row, 1.0);
+            if let Some((group, sign)) = self.group_of[i] {
+                let (along, cross, square) = &mut groups[group];
+                along.axpy(sign * answer / variance, &row, 1.0);
+                *cross += sign * answer * residual / variance;
+                *square += answer * answer / variance;
+            }
+        }
+        for ((along, cross, square), squared) in groups.iter().zip(&self.shared) {
+            let factor = squared / (1.0 + squared * square);
+            information.ger(-factor, along, along, 1.0);
+            slope.axpy(-factor * cross, along, 1.0);
+        }
+        (information, slope)
+    }
+
     /// Prediction of one datum by the others in `mask` given parameters: with what they tell of the error that it shares with them.
     /// Mean, standard deviation of what is left of the shared error, and that with the datum's own.
     pub(super) fn predicted(&self, datum: usize, answers: &[f64], mask: &Mask) -> (f64, f64, f64) {
@@ -192,7 +228,6 @@ fn variance(datum: &Datum) -> f64 {
 mod tests {
     use super::*;
     use crate::rod::query::Query;
-    use nalgebra::{DMatrix, DVector};
 
     #[test]
     fn it_is_the_normal_density_with_a_shared_discrepancy() {
@@ -279,6 +314,12 @@ mod tests {
         let expected = r.dot(&v(y).cholesky().unwrap().solve(&r));
         let found = problem.square(&y, &[true; 3]);
         assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
+        let j = DMatrix::from_row_slice(3, 2, &[0.1, -0.3, 0.5, 0.2, -0.4, 0.7]);
+        let (information, slope) = problem.information(&y, &j, &[true; 3]);
+        let root = v(y).cholesky().unwrap();
+        let (expected, along) = (j.tr_mul(&root.solve(&j)), j.tr_mul(&root.solve(&r)));
+        assert!((information - &expected).norm() < 1e-9 * expected.norm());
+        assert!((slope - &along).norm() < 1e-9 * along.norm());
     }
 
     #[test]

@@ -59,11 +59,10 @@ const ENOUGH: f64 = 0.25;
 const LEAST: f64 = 0.08;
 /// Effective share of the last population above which no other is needed.
 const WANTED: f64 = 0.15;
-/// Number of populations after which kernels take the shape of their neighbourhood, because the posterior is
-/// thin and bent.
-const LOCAL_FROM: usize = 3;
-/// Most populations.
-const MOST: usize = 30;
+/// Most populations of round kernels; where one more is wanted the posterior is thin and bent.
+const MOST_ROUND: usize = 3;
+/// Most populations of kernels that the data sharpen.
+const MOST_SHARP: usize = 15;
 /// Least number of effective draws of a posterior.
 const FEWEST: f64 = 200.0;
 
@@ -219,7 +218,12 @@ impl Joint<'_> {
             let mask: Vec<u8> = mask.iter().map(|&m| u8::from(m)).collect();
             random::seed(&[b"joint", what, &seed.to_le_bytes(), &number, &mask])
         };
-        if let Some(found) = self.kernels(problem, pilot, mask, settings, &uncertain, &stream) {
+        let kernels = |shape| self.kernels(problem, pilot, mask, settings, &uncertain, shape, &stream);
+        if let Some(found) = kernels(Shape::Round) {
+            return Ok(found);
+        }
+        if let Some(found) = kernels(Shape::Sharp) {
+            refuse_contradiction(problem, mask, &found.population)?;
             return Ok(found);
         }
         let chains = annealed::annealed(problem, &uncertain, &pilot.thetas, mask, stream(b"annealed", 0));
@@ -247,14 +251,22 @@ impl Joint<'_> {
         mask: &Mask,
         settings: JointSettings,
         uncertain: &[usize],
+        shape: Shape,
         stream: &dyn Fn(&[u8], usize) -> u64,
     ) -> Option<Found> {
+        let most = match shape {
+            Shape::Round => MOST_ROUND,
+            Shape::Sharp => MOST_SHARP,
+        };
         let width = problem.priors.len();
         let mut ancestors = pilot.nearest(problem, mask);
         let (mut populations, mut unwidened, mut is_last) = (0, 0, false);
-        let mut draws = pilot.rows;
-        while populations < MOST {
-            let mixture = Mixture::around(problem, uncertain, &ancestors, populations >= LOCAL_FROM)?;
+        let (mut draws, mut share) = (pilot.rows, 1.0);
+        while populations < most || is_last {
+            let mut mixture = Mixture::around(problem, uncertain, &ancestors)?;
+            if shape == Shape::Sharp {
+                mixture = mixture.sharpened(mask, share)?;
+            }
             let count = if is_last {
                 settings.sample
             } else {
@@ -272,13 +284,13 @@ impl Joint<'_> {
                     ess: found,
                     draws,
                     populations,
-                    sampler: match populations {
-                        0..=2 => Sampler::Table,
+                    sampler: match shape {
+                        Shape::Round if populations <= 2 => Sampler::Table,
                         _ => Sampler::Sequential,
                     },
                 });
             }
-            let share = match found >= LEAST * count as f64 || is_last {
+            share = match found >= LEAST * count as f64 || is_last {
                 true => 1.0,
                 false => tempered(&population, LEAST * count as f64),
             };
@@ -367,6 +379,15 @@ impl Joint<'_> {
     }
 }
 
+/// Shape of the kernels of a mixture.
+#[derive(Clone, Copy, PartialEq)]
+enum Shape {
+    /// The population's.
+    Round,
+    /// That of the posterior at each kernel's place.
+    Sharp,
+}
+
 /// A population of a posterior.
 struct Found {
     population: Population,
@@ -407,7 +428,8 @@ fn refuse_contradiction(problem: &Problem, mask: &Mask, sample: &Population) -> 
     })
 }
 
-/// Power of the likelihood that leaves `wanted` effective draws, by bisection.
+/// Power of the likelihood that leaves `wanted` effective draws, by bisection; if none does, the one that leaves most: proposals made for
+/// the posterior suit the prior as badly as the prior's suit it.
 fn tempered(population: &Population, wanted: f64) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..40 {
@@ -421,5 +443,10 @@ fn tempered(population: &Population, wanted: f64) -> f64 {
             false => high = middle,
         }
     }
-    if low > 0.0 { low } else { high }
+    if low > 0.0 {
+        return low;
+    }
+    let left = |power: &f64| effective(&population.weights(*power));
+    let powers = (0..60).map(|k| 0.75f64.powi(k));
+    powers.max_by(|a, b| left(a).total_cmp(&left(b))).unwrap_or(1.0)
 }

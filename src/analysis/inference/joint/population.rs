@@ -1,5 +1,8 @@
 //! A weighted population and the mixture of t kernels around it that proposes the next.
 //!
+//! Where the posterior is thin and bent each kernel is multiplied with the density of the data, by the derivatives at its own place: what is
+//! left of it lies along the posterior there, however thin that is.
+//!
 //! Coordinates are the priors' real lines ([`Prior::to_line`]), whitened by the population's covariance. The mixture is a kernel
 //! density of the population plus one wide t about its mean, so that no region the population missed has weights without bound.
 
@@ -64,8 +67,11 @@ pub(super) fn effective(weights: &[f64]) -> f64 {
     if squares > 0.0 { 1.0 / squares } else { 0.0 }
 }
 
-/// Neighbours whose covariance is a local kernel's.
-const NEIGHBOURS: usize = 40;
+/// Step of a derivative, in standard deviations of the population.
+const STEP: f64 = 1e-4;
+
+/// Variance of a sharpened kernel over that of the linear model: answers bend.
+const SLACK: f64 = 1.3;
 
 /// One kernel: its centre, and a root of its covariance with the inverse and the determinant.
 struct Kernel {
@@ -89,14 +95,8 @@ pub(super) struct Mixture<'a> {
 }
 
 impl<'a> Mixture<'a> {
-    /// Around equally weighted ancestors (row-major parameter vectors); `None` where they have no spread. `is_local`: each kernel has
-    /// the shape of its neighbourhood, for posteriors that are thin and bent.
-    pub(super) fn around(
-        problem: &'a Problem,
-        uncertain: &'a [usize],
-        ancestors: &[f64],
-        is_local: bool,
-    ) -> Option<Self> {
+    /// Round kernels about equally weighted ancestors (row-major parameter vectors); `None` where they have no spread.
+    pub(super) fn around(problem: &'a Problem, uncertain: &'a [usize], ancestors: &[f64]) -> Option<Self> {
         let width = problem.priors.len();
         let d = uncertain.len();
         let count = ancestors.len() / width;
@@ -115,30 +115,58 @@ impl<'a> Mixture<'a> {
             .iter()
             .map(|row| root.solve_lower_triangular(&(row - &mean)))
             .collect::<Option<_>>()?;
-        let kernels = match is_local {
-            true => centres
-                .par_iter()
-                .map(|centre| local(centre, &centres))
-                .collect::<Option<_>>()?,
-            false => {
-                // Silverman's rule.
-                let exponent = 1.0 / (d as f64 + 4.0);
-                let bandwidth = (4.0 / ((d as f64 + 2.0) * count as f64)).powf(exponent);
-                let root = DMatrix::from_diagonal_element(d, d, bandwidth);
-                centres
-                    .into_iter()
-                    .map(|centre| Kernel::new(centre, root.clone()))
-                    .collect::<Option<_>>()?
-            }
-        };
+        // Silverman's rule.
+        let exponent = 1.0 / (d as f64 + 4.0);
+        let bandwidth = (4.0 / ((d as f64 + 2.0) * count as f64)).powf(exponent);
+        let round = DMatrix::from_diagonal_element(d, d, bandwidth);
         Some(Self {
             problem,
             uncertain,
             mean,
             root,
-            kernels,
+            kernels: centres
+                .into_iter()
+                .map(|centre| Kernel::new(centre, round.clone()))
+                .collect::<Option<_>>()?,
             freedom: 6 - d % 2,
         })
+    }
+
+    /// Each kernel times the density of the data in `mask` to the power `share`, for posteriors that are thin and bent.
+    pub(super) fn sharpened(self, mask: &Mask, share: f64) -> Option<Self> {
+        let kernels = self.kernels.par_iter();
+        let kernels = kernels
+            .map(|kernel| self.sharp(kernel, mask, share))
+            .collect::<Option<_>>()?;
+        Some(Self { kernels, ..self })
+    }
+
+    /// The normal kernel times that density with the answers linear about its centre; as it is where the model has no derivative there.
+    fn sharp(&self, kernel: &Kernel, mask: &Mask, share: f64) -> Option<Kernel> {
+        let at = |z: &DVector<f64>| {
+            let mut answers = DVector::zeros(self.problem.data.len());
+            self.problem.answer(&self.point(z).1, answers.as_mut_slice());
+            answers
+        };
+        let here = at(&kernel.centre);
+        let columns: Vec<DVector<f64>> = (0..self.uncertain.len())
+            .map(|i| {
+                let mut beside = kernel.centre.clone();
+                beside[i] += STEP;
+                (at(&beside) - &here) / STEP
+            })
+            .collect();
+        let derivatives = DMatrix::from_columns(&columns);
+        let (information, slope) = self.problem.information(here.as_slice(), &derivatives, mask);
+        let precision = kernel.inverse.tr_mul(&kernel.inverse) + information * share;
+        let Some(sharp) = precision
+            .cholesky()
+            .filter(|_| slope.iter().all(|x| x.is_finite()))
+        else {
+            return Kernel::new(kernel.centre.clone(), kernel.root.clone());
+        };
+        let centre = &kernel.centre + sharp.solve(&slope) * share;
+        Kernel::new(centre, (sharp.inverse() * SLACK).cholesky()?.l())
     }
 
     /// `count` proposals with answers and densities; the same bits at any number of threads.
@@ -164,7 +192,6 @@ impl<'a> Mixture<'a> {
         let d = self.uncertain.len();
         let count = self.kernels.len();
         let data = self.problem.data.len();
-        let centre: Vec<f64> = self.problem.priors.iter().map(Prior::centre).collect();
         let mut population = Population::default();
         let normal = |generator: &mut ChaCha8Rng| -> f64 { StandardNormal.sample(generator) };
         for _ in 0..rows {
@@ -177,14 +204,7 @@ impl<'a> Mixture<'a> {
                 true => step * WIDE.1,
                 false => &self.kernels[ancestor].centre + &self.kernels[ancestor].root * step,
             };
-            let line = &self.mean + &self.root * &z;
-            let mut theta = centre.clone();
-            let mut prior = 0.0;
-            for (slot, &quantity) in self.uncertain.iter().enumerate() {
-                let own = &self.problem.priors[quantity];
-                theta[quantity] = own.from_line(line[slot]);
-                prior += own.log_density_on_line(theta[quantity], line[slot]);
-            }
+            let (prior, theta) = self.point(&z);
             let start = population.answers.len();
             population.answers.resize(start + data, f64::NAN);
             let mut likelihood = f64::NEG_INFINITY;
@@ -200,6 +220,19 @@ impl<'a> Mixture<'a> {
                 .push(prior - libm::log(self.density(z.as_slice())));
         }
         population
+    }
+
+    /// Log density of the prior, and the parameters, at whitened coordinates.
+    fn point(&self, z: &DVector<f64>) -> (f64, Vec<f64>) {
+        let line = &self.mean + &self.root * z;
+        let mut theta: Vec<f64> = self.problem.priors.iter().map(Prior::centre).collect();
+        let mut prior = 0.0;
+        for (slot, &quantity) in self.uncertain.iter().enumerate() {
+            let own = &self.problem.priors[quantity];
+            theta[quantity] = own.from_line(line[slot]);
+            prior += own.log_density_on_line(theta[quantity], line[slot]);
+        }
+        (prior, theta)
     }
 
     /// Density of the mixture up to a constant.
@@ -244,19 +277,6 @@ impl Kernel {
         }
         square
     }
-}
-
-/// A kernel of the shape of its neighbourhood.
-fn local(centre: &DVector<f64>, centres: &[DVector<f64>]) -> Option<Kernel> {
-    let mut near: Vec<(f64, usize)> = centres
-        .iter()
-        .enumerate()
-        .map(|(i, other)| ((other - centre).norm_squared(), i))
-        .collect();
-    near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let neighbours: Vec<&DVector<f64>> = near.iter().take(NEIGHBOURS).map(|&(_, i)| &centres[i]).collect();
-    let (_, root) = spread(&neighbours)?;
-    Kernel::new(centre.clone(), root)
 }
 
 /// Mean of points, and a root of their covariance.

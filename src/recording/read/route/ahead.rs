@@ -52,6 +52,11 @@ impl Router {
         self.ahead.limit = Some(limit);
     }
 
+    /// Notes that nothing comes before a log time \[ns\].
+    pub fn waits_until(&mut self, time: u64) {
+        self.ahead.front = self.ahead.front.max(Some(time));
+    }
+
     /// True if messages wait for their turn.
     pub fn waits(&self) -> bool {
         !self.ahead.waiting.is_empty()

@@ -110,13 +110,14 @@ impl Filters {
         self.wander_k2 += self.newest * (change_k2 - self.wander_k2);
     }
 
-    /// Covariance of the filters' errors at a time by what the temperature did since its last reading \[K^2\]; `None` where readings are
-    /// dense. A day of the air's wander is the intensity.
+    /// Covariance of the filters' errors at a time by what the temperature did since its last reading \[K^2\], beyond what it does in
+    /// the four hours for which a reading stands where they are dense; `None` there. A day of the air's wander is the intensity.
     pub fn unread_k2(&self, day: f64) -> Option<Covariance> {
         let passed = (day - self.last?).max(0.0);
-        let of = |gained: f64| self.wander_k2 * gained;
+        let (all, of_dense) = (unread::gained(passed), unread::gained(passed.min(SPARSE_D)));
+        let beyond = |i: usize, j: usize| self.wander_k2 * (all[i][j] - of_dense[i][j]);
         self.is_sparse()
-            .then(|| unread::gained(passed).map(|row| row.map(of)))
+            .then(|| std::array::from_fn(|i| std::array::from_fn(|j| beyond(i, j))))
     }
 
     /// True if readings are usually too far apart to resolve the day.

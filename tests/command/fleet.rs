@@ -632,18 +632,7 @@ fn efficiency() {
             .replace("record_s = 30.0", "record_s = 60.0")
             .replace("fs_hz = 100.0\nsamples_per", "fs_hz = 40.0\nsamples_per")
             .replace("fs_hz = 100.0", "fs_hz = 40.0");
-        fs::write(site.path("simulated.toml"), &simulated).unwrap();
-        let out = format!("archive/{number}/year.mcap");
-        let output = site.run(&[
-            "simulate",
-            "--config",
-            "simulated.toml",
-            "--out",
-            &out,
-            "--seed",
-            &number.to_string(),
-        ]);
-        assert!(output.status.success(), "{}", said(&output));
+        site.simulate_as(&format!("archive/{number}/year.mcap"), &simulated, number as i64);
         let config = SITE.replace("fs_hz = 100.0", "fs_hz = 40.0");
         let banded = config.replace("[rod.priors]", "[rod.modes]\nband_hz = [3.0, 19.0]\n[rod.priors]");
         fs::write(site.path(&format!("configs/{number}.toml")), &banded).unwrap();

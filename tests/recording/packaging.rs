@@ -66,19 +66,7 @@ between_s = 97
 fn recorded(records: usize, record_s: f64) -> (Site, Vec<mcap::Message<'static>>) {
     let (plain, simulated) = config(records, record_s);
     let site = Site::new(&plain);
-    fs::write(site.path("simulated.toml"), simulated).unwrap();
-    let words = [
-        "simulate",
-        "--config",
-        "simulated.toml",
-        "--out",
-        "whole.mcap",
-        "--seed",
-        "3",
-    ];
-    let output = site.run(&words);
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let bytes = fs::read(site.path("whole.mcap")).unwrap();
+    let bytes = fs::read(site.simulate_as("whole.mcap", &simulated, 3)).unwrap();
     let messages = mcap::MessageStream::new(&bytes)
         .unwrap()
         .map(|message| {

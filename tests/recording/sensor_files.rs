@@ -31,19 +31,7 @@ fn lasers() -> (Site, [Samples; 2]) {
         )
     );
     let site = Site::new(&config);
-    fs::write(site.path("simulated.toml"), simulation).unwrap();
-    let words = [
-        "simulate",
-        "--config",
-        "simulated.toml",
-        "--out",
-        "whole.mcap",
-        "--seed",
-        "3",
-    ];
-    let output = site.run(&words);
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let bytes = fs::read(site.path("whole.mcap")).unwrap();
+    let bytes = fs::read(site.simulate_as("whole.mcap", &simulation, 3)).unwrap();
     let mut found = [Samples::new(), Samples::new()];
     for message in mcap::MessageStream::new(&bytes).unwrap() {
         let message = message.unwrap();

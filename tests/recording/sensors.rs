@@ -45,19 +45,7 @@ fn site(records: usize) -> (Site, Vec<Message<'static>>) {
         simulated_rod("b", 150e3, 3, ""),
     );
     let made = Site::new(&site);
-    fs::write(made.path("simulated.toml"), simulation).unwrap();
-    let words = [
-        "simulate",
-        "--config",
-        "simulated.toml",
-        "--out",
-        "whole.mcap",
-        "--seed",
-        "3",
-    ];
-    let output = made.run(&words);
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let bytes = fs::read(made.path("whole.mcap")).unwrap();
+    let bytes = fs::read(made.simulate_as("whole.mcap", &simulation, 3)).unwrap();
     let messages = mcap::MessageStream::new(&bytes).unwrap().map(|message| {
         let message = message.unwrap();
         Message {

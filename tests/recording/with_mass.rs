@@ -2,7 +2,6 @@
 
 use crate::site::rods::{rod, simulated_rod};
 use crate::site::*;
-use std::fs;
 
 /// Five kilograms on a rod of 78 take 4 % from mode 1, six from mode 2: its labels alone would refuse such a rod.
 #[test]
@@ -18,17 +17,7 @@ fn records_with_a_mass_and_without_give_one_force() {
              fs_hz = 100.0\nsamples_per_message = 20\nencoding = \"protobuf\"\n{}",
             simulated_rod("a", 142e3, 3, hung)
         );
-        fs::write(site.path("simulated.toml"), simulation).unwrap();
-        let output = site.run(&[
-            "simulate",
-            "--config",
-            "simulated.toml",
-            "--out",
-            name,
-            "--seed",
-            "3",
-        ]);
-        assert!(output.status.success(), "{}", text(&output.stderr));
+        site.simulate_as(name, &simulation, 3);
     };
     let mass = "[simulation.rod.added_mass]\nmass_kg = 5.0\nat = 0.3\n";
     simulated("bare.mcap", 2, "");

@@ -382,7 +382,7 @@ fn log_density(moments: &[Vec<Datum>], prior: &RodPrior, line: &[f64]) -> f64 {
         if asked.answers(&theta, &mut answers).is_err() {
             return f64::NEG_INFINITY;
         }
-        residuals.extend(data.iter().zip(answers).map(|(datum, y)| (datum, y)));
+        residuals.extend(data.iter().zip(answers));
     }
     let count = residuals.len();
     let covariance = DMatrix::from_fn(count, count, |i, j| {

@@ -159,20 +159,26 @@ impl Site {
     pub fn simulate(&self, name: &str, part: &Part) {
         let site = fs::read_to_string(self.path("site.toml")).unwrap();
         fs::create_dir_all(self.path("archive")).unwrap();
-        fs::write(self.path("simulated.toml"), part.config(&site)).unwrap();
-        let seed = (1000 + part.first_day).rem_euclid(1 << 20).to_string();
-        let out = format!("archive/{name}.mcap");
+        let seed = (1000 + part.first_day).rem_euclid(1 << 20);
+        self.simulate_as(&format!("archive/{name}.mcap"), &part.config(&site), seed);
+    }
+
+    /// Simulates a configuration into a file of the folder; returns its path.
+    pub fn simulate_as(&self, out: &str, config: &str, seed: i64) -> PathBuf {
+        fs::write(self.path("simulated.toml"), config).unwrap();
+        let seed = seed.to_string();
         let words = [
             "simulate",
             "--config",
             "simulated.toml",
-            "--out",
-            &out,
             "--seed",
             &seed,
+            "--out",
+            out,
         ];
         let output = self.run(&words);
         assert!(output.status.success(), "{}", text(&output.stderr));
+        self.path(out)
     }
 
     pub fn command(&self, words: &[&str]) -> Command {

@@ -338,9 +338,7 @@ mod tests {
         let datum = Datum::readings(Quantity::Side, &[0.073], 0.0007).unwrap();
         let prior = RodPrior::todi();
         let problem = Problem::new(&prior, &[0.0; 3], &[vec![datum]]).unwrap();
-        let uncertain: Vec<usize> = (0..problem.priors.len())
-            .filter(|&i| !problem.priors[i].is_fixed())
-            .collect();
+        let uncertain = problem.uncertain();
         let mut generator = random::stream(3, 0);
         let mut pilot = Vec::new();
         for _ in 0..4000 {

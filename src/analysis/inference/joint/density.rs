@@ -83,6 +83,13 @@ impl Problem {
         })
     }
 
+    /// Indices of the parameters that are not fixed.
+    pub(super) fn uncertain(&self) -> Vec<usize> {
+        (0..self.priors.len())
+            .filter(|&at| !self.priors[at].is_fixed())
+            .collect()
+    }
+
     /// Answers of the model to all data; NaN in all of them if it has none.
     pub(super) fn answer(&self, theta: &[f64], out: &mut [f64]) {
         let mut own = theta[..self.width].to_vec();

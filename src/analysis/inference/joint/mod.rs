@@ -210,23 +210,26 @@ impl Joint<'_> {
         settings: JointSettings,
         seed: u64,
     ) -> Result<Found, JointError> {
-        let uncertain: Vec<usize> = (0..problem.priors.len())
-            .filter(|&i| !problem.priors[i].is_fixed())
-            .collect();
         let stream = |what: &[u8], number: usize| {
             let number = (number as u64).to_le_bytes();
             let mask: Vec<u8> = mask.iter().map(|&m| u8::from(m)).collect();
             random::seed(&[b"joint", what, &seed.to_le_bytes(), &number, &mask])
         };
-        let kernels = |shape| self.kernels(problem, pilot, mask, settings, &uncertain, shape, &stream);
-        if let Some(found) = kernels(Shape::Round) {
+        let by = |shape| kernels(problem, pilot, mask, settings, shape, &stream);
+        if let Some(found) = by(Shape::Round) {
             return Ok(found);
         }
-        if let Some(found) = kernels(Shape::Sharp) {
+        if let Some(found) = by(Shape::Sharp) {
             refuse_contradiction(problem, mask, &found.population)?;
             return Ok(found);
         }
-        let chains = annealed::annealed(problem, &uncertain, &pilot.thetas, mask, stream(b"annealed", 0));
+        let chains = annealed::annealed(
+            problem,
+            &problem.uncertain(),
+            &pilot.thetas,
+            mask,
+            stream(b"annealed", 0),
+        );
         let chains = chains.ok_or(JointError::Unsampled)?;
         refuse_contradiction(problem, mask, &chains.population)?;
         if !chains.is_mixed || chains.ess < FEWEST {
@@ -241,78 +244,6 @@ impl Joint<'_> {
             populations: 1,
             sampler: Sampler::Chains,
         })
-    }
-
-    /// Populations proposed by mixtures of kernels; `None` if they cannot follow the posterior.
-    fn kernels(
-        &self,
-        problem: &Problem,
-        pilot: &Pilot,
-        mask: &Mask,
-        settings: JointSettings,
-        uncertain: &[usize],
-        shape: Shape,
-        stream: &dyn Fn(&[u8], usize) -> u64,
-    ) -> Option<Found> {
-        let most = match shape {
-            Shape::Round => MOST_ROUND,
-            Shape::Sharp => MOST_SHARP,
-        };
-        let width = problem.priors.len();
-        let mut ancestors = pilot.nearest(problem, mask);
-        let (mut populations, mut unwidened, mut is_last) = (0, 0, false);
-        let (mut draws, mut share) = (pilot.rows, 1.0);
-        while populations < most || is_last {
-            let mut mixture = Mixture::around(problem, uncertain, &ancestors)?;
-            if shape == Shape::Sharp {
-                mixture = mixture.sharpened(mask, share)?;
-            }
-            let count = if is_last {
-                settings.sample
-            } else {
-                settings.population
-            };
-            let population = mixture.propose(count, mask, stream(b"proposals", populations));
-            populations += 1;
-            draws += count;
-            let weights = population.weights(1.0);
-            let found = effective(&weights);
-            if is_last && (found >= WANTED * count as f64 || unwidened >= 6) {
-                return (found >= FEWEST.min(0.5 * count as f64)).then_some(Found {
-                    population,
-                    weights,
-                    ess: found,
-                    draws,
-                    populations,
-                    sampler: match shape {
-                        Shape::Round if populations <= 2 => Sampler::Table,
-                        _ => Sampler::Sequential,
-                    },
-                });
-            }
-            share = match found >= LEAST * count as f64 || is_last {
-                true => 1.0,
-                false => tempered(&population, LEAST * count as f64),
-            };
-            unwidened += usize::from(share == 1.0);
-            // Three populations at the errors' own density have sharpened the proposal as far as they can; a last one that falls
-            // short, because a few of its draws carry much of the weight, proposes once more.
-            is_last = is_last || found >= ENOUGH * count as f64 || unwidened >= 3;
-            let next = population.weights(share);
-            if effective(&next) == 0.0 {
-                return None;
-            }
-            let rows = random::systematic(
-                &next,
-                ANCESTORS,
-                &mut random::stream(stream(b"ancestors", populations), 0),
-            );
-            ancestors.clear();
-            for row in rows {
-                ancestors.extend(&population.thetas[row * width..][..width]);
-            }
-        }
-        None
     }
 
     fn finished(
@@ -377,6 +308,76 @@ impl Joint<'_> {
             conflicts,
         }
     }
+}
+
+/// Populations proposed by mixtures of kernels; `None` if they cannot follow the posterior.
+fn kernels(
+    problem: &Problem,
+    pilot: &Pilot,
+    mask: &Mask,
+    settings: JointSettings,
+    shape: Shape,
+    stream: &dyn Fn(&[u8], usize) -> u64,
+) -> Option<Found> {
+    let most = match shape {
+        Shape::Round => MOST_ROUND,
+        Shape::Sharp => MOST_SHARP,
+    };
+    let (width, uncertain) = (problem.priors.len(), problem.uncertain());
+    let mut ancestors = pilot.nearest(problem, mask);
+    let (mut populations, mut unwidened, mut is_last) = (0, 0, false);
+    let (mut draws, mut share) = (pilot.rows, 1.0);
+    while populations < most || is_last {
+        let mut mixture = Mixture::around(problem, &uncertain, &ancestors)?;
+        if shape == Shape::Sharp {
+            mixture = mixture.sharpened(mask, share)?;
+        }
+        let count = if is_last {
+            settings.sample
+        } else {
+            settings.population
+        };
+        let population = mixture.propose(count, mask, stream(b"proposals", populations));
+        populations += 1;
+        draws += count;
+        let weights = population.weights(1.0);
+        let found = effective(&weights);
+        if is_last && (found >= WANTED * count as f64 || unwidened >= 6) {
+            return (found >= FEWEST.min(0.5 * count as f64)).then_some(Found {
+                population,
+                weights,
+                ess: found,
+                draws,
+                populations,
+                sampler: match shape {
+                    Shape::Round if populations <= 2 => Sampler::Table,
+                    _ => Sampler::Sequential,
+                },
+            });
+        }
+        share = match found >= LEAST * count as f64 || is_last {
+            true => 1.0,
+            false => tempered(&population, LEAST * count as f64),
+        };
+        unwidened += usize::from(share == 1.0);
+        // Three populations at the errors' own density have sharpened the proposal as far as they can; a last one that falls
+        // short, because a few of its draws carry much of the weight, proposes once more.
+        is_last = is_last || found >= ENOUGH * count as f64 || unwidened >= 3;
+        let next = population.weights(share);
+        if effective(&next) == 0.0 {
+            return None;
+        }
+        let rows = random::systematic(
+            &next,
+            ANCESTORS,
+            &mut random::stream(stream(b"ancestors", populations), 0),
+        );
+        ancestors.clear();
+        for row in rows {
+            ancestors.extend(&population.thetas[row * width..][..width]);
+        }
+    }
+    None
 }
 
 /// Shape of the kernels of a mixture.

@@ -63,6 +63,8 @@ const WANTED: f64 = 0.15;
 const MOST_ROUND: usize = 3;
 /// Most populations of kernels that the data sharpen.
 const MOST_SHARP: usize = 15;
+/// Score of a datum against all others from which it is named beside those that no rod explains together.
+const CONTRADICTED: f64 = 3.0;
 /// Least number of effective draws of a posterior.
 const FEWEST: f64 = 200.0;
 
@@ -172,9 +174,20 @@ impl Joint<'_> {
     pub fn posterior(&self, seed: u64) -> Result<JointPosterior, JointError> {
         let (problem, pilot) = self.prepared(seed)?;
         let all = vec![true; problem.data.len()];
-        let found = self.sampled(&problem, &pilot, &all, self.settings, seed)?;
-        let conflicts = conflict::each(self, &problem, &pilot, seed);
-        Ok(self.finished(&problem, found, conflicts, seed))
+        let conflicts = || conflict::each(self, &problem, &pilot, seed);
+        match self.sampled(&problem, &pilot, &all, self.settings, seed) {
+            Ok(found) => Ok(self.finished(&problem, found, conflicts(), seed)),
+            // Which of them, as far as the others tell.
+            Err(JointError::Contradiction { score, suspect }) => {
+                let mut far = conflicts();
+                far.retain(|conflict| conflict.score >= CONTRADICTED);
+                Err(match far.is_empty() {
+                    true => JointError::Contradiction { score, suspect },
+                    false => JointError::Conflict(far),
+                })
+            }
+            Err(refusal) => Err(refusal),
+        }
     }
 
     /// The same without the search for contradicting data, which takes one more posterior per datum.

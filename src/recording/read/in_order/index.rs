@@ -48,7 +48,7 @@ impl Order {
     fn by_time(layout: &Layout, input: &mut (impl Read + Seek), sampled: &BTreeSet<u16>) -> io::Result<Self> {
         let begins: Vec<u64> = layout.chunks.iter().map(|chunk| chunk.from_ns).collect();
         let mut even = Even::new(&begins, sampled);
-        let (mut bytes, mut window) = (Vec::new(), Window::default());
+        let (mut bytes, mut window, mut latest) = (Vec::new(), Window::default(), 0);
         // Messages left of each open chunk, and its size.
         let mut open: BTreeMap<u32, (usize, u64)> = BTreeMap::new();
         let chunks = sorted(&layout.chunks);
@@ -67,6 +67,11 @@ impl Order {
                 return Ok(Self::Beyond(*channel, *time));
             }
             for entry in window.settled(next) {
+                // A chunk holds what came before its begin: the summary is wrong.
+                if entry.time < latest {
+                    return Ok(Self::AsItStands);
+                }
+                latest = entry.time;
                 if let Some((left, _)) = open.get_mut(&entry.chunk) {
                     *left -= 1;
                 }

@@ -108,15 +108,9 @@ impl Layout {
     /// Channels with their topics.
     fn named(&self) -> impl Iterator<Item = (u16, &str)> {
         let mut records = Fields(&self.definitions);
-        let channels = std::iter::from_fn(move || {
-            loop {
-                match records.record().ok()?? {
-                    (op::CHANNEL, fields) => return Some(fields),
-                    _ => {}
-                }
-            }
-        });
-        channels.filter_map(|mut fields| {
+        let all = std::iter::from_fn(move || records.record().ok()?);
+        let channels = all.filter(|(opcode, _)| *opcode == op::CHANNEL);
+        channels.filter_map(|(_, mut fields)| {
             let (id, _schema) = (fields.u16().ok()?, fields.u16().ok()?);
             Some((id, fields.text().ok()?))
         })

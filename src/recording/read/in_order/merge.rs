@@ -140,8 +140,11 @@ impl Merge {
     }
 }
 
-/// Messages of a chunk, and its definitions as they stand; `None` if something else is in it.
-fn look_through(number: u32, records: &[u8]) -> Result<Option<(Vec<Entry>, Vec<u8>)>, &'static str> {
+/// Messages of a chunk, and its definitions as they stand.
+type Content = (Vec<Entry>, Vec<u8>);
+
+/// Looks through the records of a chunk; `None` if something else is in it.
+fn look_through(number: u32, records: &[u8]) -> Result<Option<Content>, &'static str> {
     let (mut entries, mut definitions) = (Vec::new(), Vec::new());
     let mut rest = Fields(records);
     loop {

@@ -9,6 +9,7 @@ mod site;
 mod import;
 mod mcap;
 mod mutation;
+mod out_of_order;
 mod packaging;
 mod sensor_files;
 mod sensors;

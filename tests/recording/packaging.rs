@@ -25,7 +25,8 @@ pub(super) const DEADLINE: Duration = Duration::from_secs(120);
 /// Four similar rods and one thermometer.
 const RODS: [&str; 4] = ["a", "b", "c", "d"];
 
-fn config(records: usize, record_s: f64) -> (String, String) {
+/// Configuration of the site, and with its simulation.
+pub(super) fn simulated(records: usize, record_s: f64) -> (String, String) {
     let mut site = "[site]\nname = \"Four rods\"\nseed = 5\n".to_owned();
     let mut simulation = format!(
         r#"
@@ -63,10 +64,15 @@ between_s = 97
 }
 
 /// The site's recording, as one file.
-fn recorded(records: usize, record_s: f64) -> (Site, Vec<mcap::Message<'static>>) {
-    let (plain, simulated) = config(records, record_s);
-    let site = Site::new(&plain);
-    let bytes = fs::read(site.simulate_as("whole.mcap", &simulated, 3)).unwrap();
+pub(super) fn recorded(records: usize, record_s: f64) -> (Site, Vec<mcap::Message<'static>>) {
+    let (plain, with_simulation) = simulated(records, record_s);
+    made(&plain, &with_simulation)
+}
+
+/// A site, and the messages of its simulated recording, `whole.mcap`.
+pub(super) fn made(plain: &str, with_simulation: &str) -> (Site, Vec<mcap::Message<'static>>) {
+    let site = Site::new(plain);
+    let bytes = fs::read(site.simulate_as("whole.mcap", with_simulation, 3)).unwrap();
     let messages = mcap::MessageStream::new(&bytes)
         .unwrap()
         .map(|message| {
@@ -190,7 +196,7 @@ pub(super) fn assert_same(expected: &[String], found: &[String], what: &str) {
 }
 
 /// Output of `--json`, and records, states and alarms of the store.
-fn replayed(site: &Site, paths: &[PathBuf], store: &str) -> (String, String) {
+pub(super) fn replayed(site: &Site, paths: &[PathBuf], store: &str) -> (String, String) {
     let paths: Vec<&str> = paths.iter().map(|path| path.to_str().unwrap()).collect();
     let (output, code) = site.replay(&paths, store);
     assert_eq!(code, 3, "{}", text(&output.stderr));
@@ -234,7 +240,7 @@ fn any_packaging_gives_the_same_events() {
 }
 
 /// Blocks of a file, a chunk each, in another order.
-fn in_blocks(path: &Path, blocks: &[&[mcap::Message<'static>]], has_data_checksum: bool) {
+pub(super) fn in_blocks(path: &Path, blocks: &[&[mcap::Message<'static>]], has_data_checksum: bool) {
     let mut writer = mcap::WriteOptions::new()
         .chunk_size(None)
         .calculate_data_section_crc(has_data_checksum)

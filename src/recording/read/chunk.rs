@@ -68,6 +68,11 @@ impl ChunkReader {
         &self.records
     }
 
+    /// Takes those records.
+    pub fn take(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.records)
+    }
+
     /// Frees the buffer if it is large, or without `keep` whatever its size.
     pub fn release(&mut self, keep: bool) {
         if keep && self.records.capacity() <= KEPT {

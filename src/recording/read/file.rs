@@ -12,8 +12,10 @@ pub(super) struct FileReader<R> {
     /// `None` until the checksum is verified.
     reader: Option<Box<Reader<InOrder<R>>>>,
     places: Places,
-    /// True if chunks are read by their times.
-    is_by_time: bool,
+    /// Topics of samples, if messages are read by their times.
+    by_time: Option<Vec<String>>,
+    /// Clause on messages that cannot be put in order.
+    pub beyond: Option<String>,
 }
 
 impl<R: Read + Seek> FileReader<R> {
@@ -23,15 +25,16 @@ impl<R: Read + Seek> FileReader<R> {
         Ok(match Check::begin(&mut input)? {
             Some(check) => Self {
                 checking: Some((input, check)),
-                ..Self::empty(false)
+                ..Self::empty(None)
             },
             None => Self::unchecked(input, live),
         })
     }
 
-    /// A finished file, as [`Self::checked`], whose chunks are read in the order of their times.
-    pub fn by_time(mut input: R) -> io::Result<Self> {
-        let mut file = Self::empty(true);
+    /// A finished file, as [`Self::checked`], whose messages are read in the order of their times.
+    /// `sampled`: topics of samples.
+    pub fn by_time(mut input: R, sampled: Vec<String>) -> io::Result<Self> {
+        let mut file = Self::empty(Some(sampled));
         match Check::begin(&mut input)? {
             Some(check) => file.checking = Some((input, check)),
             None => file.begin(input, Trust::Unverified)?,
@@ -47,25 +50,28 @@ impl<R: Read + Seek> FileReader<R> {
                 Trust::Unverified,
                 live,
             ))),
-            ..Self::empty(false)
+            ..Self::empty(None)
         }
     }
 
-    fn empty(is_by_time: bool) -> Self {
+    fn empty(by_time: Option<Vec<String>>) -> Self {
         Self {
             checking: None,
             reader: None,
             places: Places::default(),
-            is_by_time,
+            by_time,
+            beyond: None,
         }
     }
 
     /// Begins to read a finished file at its first byte.
     fn begin(&mut self, input: R, trust: Trust) -> io::Result<()> {
         // Of a damaged file only what comes before the fault counts.
-        let reader = if self.is_by_time && trust != Trust::Damaged {
-            let (input, places) = InOrder::by_time(input)?;
-            self.places = places;
+        let reader = if let Some(sampled) = &self.by_time
+            && trust != Trust::Damaged
+        {
+            let mut input = InOrder::by_time(input, sampled)?;
+            self.beyond = input.beyond();
             match input.is_moved() {
                 true => Reader::of_moved(input, trust),
                 false => Reader::new(input, trust, false),
@@ -105,6 +111,8 @@ impl<R: Read + Seek> FileReader<R> {
     /// Takes one step: at most one record, or part of one chunk or of the checksum.
     pub fn step(&mut self, each: &mut dyn FnMut(Item<'_>)) -> Result<Progress, Damage> {
         if let Some(reader) = &mut self.reader {
+            // What a step hands out was read by those before it.
+            reader.input_mut().places(&mut self.places);
             let places = &self.places;
             let in_file = |offset| places.in_file(offset);
             let outcome = reader.step(&mut |item| match item {
@@ -131,6 +139,18 @@ impl<R: Read + Seek> FileReader<R> {
     /// Reader of the items, once the checksum is verified.
     pub fn reader(&self) -> Option<&Reader<InOrder<R>>> {
         self.reader.as_deref()
+    }
+
+    /// Number of bytes of the file that were read, about.
+    pub fn bytes_read(&self) -> u64 {
+        self.reader()
+            .map_or(0, |reader| self.places.in_file(reader.bytes_read()))
+    }
+
+    /// Bytes in memory.
+    pub fn held(&self) -> usize {
+        self.reader()
+            .map_or(0, |reader| reader.held() + reader.input().held())
     }
 
     /// Position in the file of the record or chunk with which the next step continues \[bytes\].

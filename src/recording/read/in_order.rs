@@ -1,50 +1,69 @@
-//! The chunks of a finished file in the order of their times, where its writer left them in another.
+//! The messages of a finished file in the order of their log times, where its writer left them in another.
 //!
-//! A recorder that writes a block late leaves chunks that lie before earlier ones. The summary says where each begins in the file
-//! and in time; if those of every channel lie one after another in time, they are read in that order. Chunks of one channel that
-//! overlap (a clock set back) stay as they are: nothing says which belongs where.
+//! A recorder that writes a block late, from several threads, or merges two loggers leaves messages that stand before
+//! earlier ones. The summary says when each chunk begins, the indices behind them when each message was logged: chunks are opened by
+//! time, and the messages of those that overlap are passed on in order, as chunks made anew. No message comes
+//! before one of its channel whose stamp is merely late ([`even`]).
 
-use super::verify;
-use super::wire::Fields;
+mod even;
+mod index;
+mod layout;
+mod merge;
+mod window;
+
+use crate::analysis::signal::record::Timestamp;
+use index::{Order, WINDOW};
+use layout::Layout;
 use mcap::records::op;
-use std::collections::{BTreeMap, VecDeque};
+use merge::Merge;
+use std::collections::VecDeque;
 use std::io::{self, Read, Seek, SeekFrom};
-
-/// Largest summary looked through \[bytes\].
-const MAX_SUMMARY: u64 = 16 << 20;
-/// Longest overlap of two chunks of a channel that lie one after another \[ns\].
-const OVERLAP_NS: u64 = 1_000_000_000;
 
 /// A file, or its pieces in another order.
 pub(super) struct InOrder<R> {
     input: R,
-    /// Pieces left to read after the one under way.
-    pieces: VecDeque<Piece>,
-    /// Bytes left of the piece under way.
-    left: u64,
-    is_moved: bool,
+    moved: Option<Box<Moved>>,
+    /// Clause on messages that cannot be put in order, without the name of the file.
+    beyond: Option<String>,
 }
 
-/// A piece of the file: its begin and length \[bytes\]; or bytes that stand before the first moved chunk.
+/// A file whose messages are put in order.
+struct Moved {
+    /// Pieces before the messages that come next.
+    pieces: VecDeque<Piece>,
+    merge: Merge,
+    /// What stands behind the chunks.
+    tail: Option<Piece>,
+    /// Bytes left of the piece of the file under way.
+    left: u64,
+    /// Piece made, and the number of its bytes that were read.
+    given: (Vec<u8>, usize),
+    /// Begin of each piece as read, not yet taken, and of the next one.
+    places: Places,
+    begin: u64,
+}
+
+/// A piece of the file: its begin and length \[bytes\]; or bytes made, and where they stood.
 #[derive(Debug, Clone)]
 enum Piece {
     File(u64, u64),
-    Given(Vec<u8>),
+    Given(Vec<u8>, u64),
 }
 
 /// Where the bytes read stand in the file.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Places {
-    /// Begin of each piece as read and in the file \[bytes\].
-    begins: Vec<(u64, u64)>,
+    /// Begin of each piece as read and in the file \[bytes\]; true if it stands there as read.
+    begins: Vec<(u64, u64, bool)>,
 }
 
 impl Places {
-    /// Position in the file of a byte read.
+    /// Position in the file of a byte read; of messages that were put in order that of a chunk.
     pub fn in_file(&self, read: u64) -> u64 {
-        let after = self.begins.partition_point(|(begin, _)| *begin <= read);
+        let after = self.begins.partition_point(|(begin, ..)| *begin <= read);
         match after.checked_sub(1).map(|piece| self.begins[piece]) {
-            Some((begin, at)) => at + (read - begin),
+            Some((begin, at, true)) => at + (read - begin),
+            Some((_, at, false)) => at,
             None => read,
         }
     }
@@ -55,223 +74,157 @@ impl<R> InOrder<R> {
     pub fn plain(input: R) -> Self {
         Self {
             input,
-            pieces: VecDeque::new(),
-            left: 0,
-            is_moved: false,
+            moved: None,
+            beyond: None,
         }
     }
 
     /// True if its pieces are read in another order than they stand.
     pub fn is_moved(&self) -> bool {
-        self.is_moved
+        self.moved.is_some()
+    }
+
+    /// Takes the places of the pieces read since.
+    pub fn places(&mut self, places: &mut Places) {
+        if let Some(moved) = &mut self.moved {
+            places.begins.append(&mut moved.places.begins);
+        }
+    }
+
+    /// Takes the clause on messages that cannot be put in order.
+    pub fn beyond(&mut self) -> Option<String> {
+        self.beyond.take()
+    }
+
+    /// Bytes of the messages that are put in order.
+    pub fn held(&self) -> usize {
+        let held = |moved: &Moved| moved.merge.held() + moved.given.0.capacity();
+        self.moved.as_deref().map_or(0, held)
     }
 }
 
 impl<R: Read + Seek> InOrder<R> {
-    /// A finished file, its chunks by time, and where they stand.
-    pub fn by_time(mut input: R) -> io::Result<(Self, Places)> {
-        let layout = Layout::read(&mut input);
+    /// A finished file, its messages by time; `sampled`: topics of samples.
+    pub fn by_time(mut input: R, sampled: &[String]) -> io::Result<Self> {
+        let ordered = Self::order(&mut input, sampled);
         input.seek(SeekFrom::Start(0))?;
-        let pieces = match layout {
-            Ok(layout) => layout.and_then(Layout::by_time),
+        let (moved, beyond) = match ordered {
+            Ok(ordered) => ordered,
             // Shorter than it seems: cut while it was read.
-            Err(fault) if fault.kind() == io::ErrorKind::UnexpectedEof => None,
+            Err(fault) if fault.kind() == io::ErrorKind::UnexpectedEof => (None, None),
             Err(fault) => return Err(fault),
         };
-        let Some(pieces) = pieces else {
-            return Ok((Self::plain(input), Places::default()));
-        };
-        let mut places = Places::default();
-        let mut read = 0;
-        for piece in &pieces {
-            let (at, length) = match piece {
-                Piece::File(at, length) => (*at, *length),
-                Piece::Given(bytes) => (read, bytes.len() as u64),
-            };
-            places.begins.push((read, at));
-            read += length;
-        }
-        let moved = Self {
+        Ok(Self {
             input,
-            pieces: pieces.into(),
-            left: 0,
-            is_moved: true,
+            moved: moved.map(Box::new),
+            beyond,
+        })
+    }
+
+    fn order(input: &mut R, sampled: &[String]) -> io::Result<(Option<Moved>, Option<String>)> {
+        let Some(layout) = Layout::read(input)? else {
+            return Ok((None, None));
         };
-        Ok((moved, places))
+        Ok(match Order::of(&layout, input, sampled)? {
+            Order::AsItStands => (None, None),
+            Order::Beyond(channel, time) => {
+                let time = Timestamp::from_nanos(i64::try_from(time).unwrap_or(i64::MAX));
+                let what = format!(
+                    "{} at {time}: what was logged then is spread over more than {} MB of messages out of order; they are read as they stand, records end \
+                     where a time goes back: put the file in order first (`mcap sort`)",
+                    layout.topic(channel),
+                    WINDOW >> 20
+                );
+                (None, Some(what))
+            }
+            Order::ByTime(kept) => (Moved::new(&layout, Merge::new(&layout, kept)), None),
+        })
+    }
+}
+
+impl Moved {
+    fn new(layout: &Layout, merge: Merge) -> Option<Self> {
+        let (first, last) = (layout.chunks.first()?, layout.chunks.last()?);
+        Some(Self {
+            // The chunk that defines a channel may come after one that uses it.
+            pieces: VecDeque::from([
+                Piece::File(0, first.at),
+                Piece::Given(chunk_of(&layout.definitions, true), first.at),
+            ]),
+            merge,
+            tail: Some(Piece::File(last.end, layout.size.checked_sub(last.end)?)),
+            left: 0,
+            given: Default::default(),
+            places: Places::default(),
+            begin: 0,
+        })
+    }
+
+    /// Begins the next piece; false at the end.
+    fn go_on(&mut self, input: &mut (impl Read + Seek)) -> io::Result<bool> {
+        if self.pieces.is_empty() {
+            self.given = Default::default();
+            self.pieces.extend(self.merge.next(input)?);
+        }
+        let Some(piece) = self.pieces.pop_front().or_else(|| self.tail.take()) else {
+            return Ok(false);
+        };
+        let (at, length, stands_there) = match piece {
+            Piece::File(at, length) => {
+                input.seek(SeekFrom::Start(at))?;
+                self.left = length;
+                (at, length, true)
+            }
+            Piece::Given(bytes, at) => {
+                let length = bytes.len() as u64;
+                self.given = (bytes, 0);
+                (at, length, false)
+            }
+        };
+        self.places.begins.push((self.begin, at, stands_there));
+        self.begin += length;
+        Ok(true)
     }
 }
 
 impl<R: Read + Seek> Read for InOrder<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        if !self.is_moved {
+        let Some(moved) = &mut self.moved else {
             return self.input.read(buffer);
-        }
-        while self.left == 0 {
-            match self.pieces.pop_front() {
-                None => return Ok(0),
-                Some(Piece::File(at, length)) => {
-                    self.input.seek(SeekFrom::Start(at))?;
-                    self.left = length;
-                }
-                Some(Piece::Given(mut bytes)) => {
-                    let count = bytes.len().min(buffer.len());
-                    buffer[..count].copy_from_slice(&bytes[..count]);
-                    bytes.drain(..count);
-                    if !bytes.is_empty() {
-                        self.pieces.push_front(Piece::Given(bytes));
-                    }
-                    return Ok(count);
-                }
-            }
-        }
-        // Bounded by the buffer.
-        let wanted = self.left.min(buffer.len() as u64) as usize;
-        let count = self.input.read(&mut buffer[..wanted])?;
-        self.left -= count as u64;
-        Ok(count)
-    }
-}
-
-/// A chunk as the summary describes it.
-#[derive(Debug, Clone)]
-struct Chunk {
-    at: u64,
-    length: u64,
-    from_ns: u64,
-    to_ns: u64,
-    channels: Vec<u16>,
-}
-
-/// Chunks and definitions of a file by its summary.
-struct Layout {
-    /// In the order of the file.
-    chunks: Vec<Chunk>,
-    /// Records of schemas and channels, as they stand in the summary.
-    definitions: Vec<u8>,
-    summary_at: u64,
-    size: u64,
-}
-
-impl Layout {
-    /// Reads the summary; `None` without one, or if something in it is odd.
-    fn read(input: &mut (impl Read + Seek)) -> io::Result<Option<Self>> {
-        let size = input.seek(SeekFrom::End(0))?;
-        let Some((summary_at, footer_at)) = verify::summary(input)? else {
-            return Ok(None);
         };
-        let length = footer_at - summary_at;
-        if length == 0 || length > MAX_SUMMARY {
-            return Ok(None);
-        }
-        input.seek(SeekFrom::Start(summary_at))?;
-        let mut bytes = vec![0; length as usize];
-        input.read_exact(&mut bytes)?;
-        let found = Self::parse(&bytes, summary_at, size);
-        Ok(found.ok().filter(Self::is_sound))
-    }
-
-    fn parse(bytes: &[u8], summary_at: u64, size: u64) -> Result<Self, &'static str> {
-        let (mut chunks, mut definitions) = (Vec::new(), Vec::new());
-        let mut records = Fields(bytes);
         loop {
-            let before = records.0;
-            let Some((opcode, fields)) = records.record()? else {
-                break;
-            };
-            match opcode {
-                op::SCHEMA | op::CHANNEL => {
-                    definitions.extend_from_slice(&before[..before.len() - records.0.len()]);
-                }
-                op::CHUNK_INDEX => chunks.push(Chunk::parse(fields)?),
-                _ => {}
+            let (bytes, from) = &mut moved.given;
+            let left = bytes.get(*from..).unwrap_or_default();
+            if !left.is_empty() {
+                let count = left.len().min(buffer.len());
+                buffer[..count].copy_from_slice(&left[..count]);
+                *from += count;
+                return Ok(count);
+            }
+            if moved.left > 0 {
+                // Bounded by the buffer.
+                let wanted = moved.left.min(buffer.len() as u64) as usize;
+                let count = self.input.read(&mut buffer[..wanted])?;
+                moved.left -= count as u64;
+                return Ok(count);
+            }
+            if !moved.go_on(&mut self.input)? {
+                return Ok(0);
             }
         }
-        chunks.sort_by_key(|chunk| chunk.at);
-        Ok(Self {
-            chunks,
-            definitions,
-            summary_at,
-            size,
-        })
-    }
-
-    /// True if the chunks lie one after another in the file.
-    fn is_sound(&self) -> bool {
-        let ends = self.chunks.iter().map(|chunk| chunk.at.checked_add(chunk.length));
-        let begins = self.chunks.iter().skip(1).map(|chunk| chunk.at);
-        let mut limits = ends.zip(begins.chain([self.summary_at]));
-        self.chunks.first().is_some_and(|first| first.at >= 8)
-            && limits.all(|(end, limit)| end.is_some_and(|end| end <= limit))
-    }
-
-    /// The file's pieces with the chunks by time; `None` if they are so already, or no order is certain.
-    fn by_time(self) -> Option<Vec<Piece>> {
-        if self.chunks.is_sorted_by_key(|chunk| chunk.from_ns) || self.definitions.is_empty() {
-            return None;
-        }
-        // What stands between two chunks (attachments, metadata) goes with the one before.
-        let ends = self.chunks.iter().skip(1).map(|chunk| chunk.at);
-        let last = self.chunks.last().map(|chunk| chunk.at + chunk.length)?;
-        let mut order: Vec<(&Chunk, u64)> = self.chunks.iter().zip(ends.chain([last])).collect();
-        order.sort_by_key(|(chunk, _)| chunk.from_ns);
-        let mut until: BTreeMap<u16, u64> = BTreeMap::new();
-        for (chunk, _) in &order {
-            for channel in &chunk.channels {
-                let end = until.entry(*channel).or_default();
-                if *end > chunk.from_ns.saturating_add(OVERLAP_NS) {
-                    return None;
-                }
-                *end = chunk.to_ns.max(*end);
-            }
-        }
-        let mut pieces = vec![Piece::File(0, self.chunks.first()?.at)];
-        // The chunk that defines a channel may come after one that uses it.
-        pieces.push(Piece::Given(chunk_of(&self.definitions)));
-        pieces.extend(
-            order
-                .iter()
-                .map(|(chunk, end)| Piece::File(chunk.at, end - chunk.at)),
-        );
-        pieces.push(Piece::File(last, self.size.checked_sub(last)?));
-        Some(pieces)
     }
 }
 
-impl Chunk {
-    fn parse(mut fields: Fields<'_>) -> Result<Self, &'static str> {
-        let (from_ns, to_ns) = (fields.u64()?, fields.u64()?);
-        let (at, chunk_length) = (fields.u64()?, fields.u64()?);
-        let length = fields.u32()?;
-        let mut offsets = Fields(fields.bytes(u64::from(length))?);
-        let mut channels = Vec::new();
-        while !offsets.0.is_empty() {
-            channels.push(offsets.u16()?);
-            offsets.u64()?;
-        }
-        if channels.is_empty() {
-            return Err("a chunk that does not name its channels");
-        }
-        let index_length = fields.u64()?;
-        Ok(Self {
-            at,
-            length: chunk_length
-                .checked_add(index_length)
-                .ok_or("a chunk without end")?,
-            from_ns,
-            to_ns,
-            channels,
-        })
-    }
-}
-
-/// A chunk of the given records, without messages, not compressed.
-fn chunk_of(records: &[u8]) -> Vec<u8> {
+/// A chunk of the given records, not compressed.
+fn chunk_of(records: &[u8], has_checksum: bool) -> Vec<u8> {
     let size = records.len() as u64;
-    let mut bytes = vec![op::CHUNK];
+    let checksum = if has_checksum { crc32fast::hash(records) } else { 0 };
+    let mut bytes = Vec::with_capacity(64 + records.len());
+    bytes.push(op::CHUNK);
     bytes.extend((8 + 8 + 8 + 4 + 4 + 8 + size).to_le_bytes());
     bytes.extend([0; 16]);
     bytes.extend(size.to_le_bytes());
-    bytes.extend(crc32fast::hash(records).to_le_bytes());
+    bytes.extend(checksum.to_le_bytes());
     bytes.extend(0u32.to_le_bytes());
     bytes.extend(size.to_le_bytes());
     bytes.extend(records);

@@ -23,6 +23,9 @@ use std::path::Path;
 /// Largest record accepted, compressed chunks included \[bytes\].
 pub const MAX_RECORD: usize = 16 << 20;
 
+/// Largest chunk made of messages that were put in order \[bytes\]: the largest chunk with its definitions.
+const MAX_MADE: usize = 33 << 20;
+
 /// Largest uncompressed chunk accepted from a socket \[bytes\]: the largest message with its definitions.
 pub const MAX_LIVE_CHUNK: u64 = 12 << 20;
 
@@ -182,18 +185,23 @@ impl<R: Read> Reader<R> {
         Self::with(input, trust, live, true)
     }
 
-    /// Starts at the first byte of a finished file whose chunks come in another order than its checksum was taken in.
+    /// Starts at the first byte of a finished file whose messages come in another order than its checksum was taken in, in chunks that are
+    /// not compressed.
     pub(super) fn of_moved(input: R, trust: Trust) -> Self {
         Self::with(input, trust, false, false)
     }
 
     fn with(input: R, trust: Trust, live: bool, has_checksum: bool) -> Self {
+        let most = match has_checksum {
+            true => MAX_RECORD,
+            false => MAX_MADE,
+        };
         let options = LinearReaderOptions::default()
             .with_emit_chunks(true)
             .with_validate_data_section_crc(has_checksum)
             .with_validate_summary_section_crc(true)
             .with_check_finishes_after_end_magic(!live)
-            .with_record_length_limit(MAX_RECORD);
+            .with_record_length_limit(most);
         Self {
             input,
             framing: LinearReader::new_with_options(options),
@@ -320,6 +328,11 @@ impl<R: Read> Reader<R> {
     /// Position of the record or chunk with which the next step continues \[bytes\].
     pub fn offset(&self) -> u64 {
         self.contents.offset
+    }
+
+    /// Input of the reader.
+    pub fn input(&self) -> &R {
+        &self.input
     }
 
     /// Input of the reader.

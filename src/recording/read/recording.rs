@@ -1,7 +1,7 @@
 //! One recording: an MCAP file as an iterator of records and rejections.
 
 use super::file::FileReader;
-use super::mcap::{Damage, Progress, Reader};
+use super::mcap::{Damage, Progress};
 use super::path::FieldPath;
 use super::route::{Rod, Router, Timed};
 use super::source::{Source, Step};
@@ -167,10 +167,12 @@ impl Recording {
         let total = input.seek(SeekFrom::End(0)).map_err(failed)?;
         input.seek(SeekFrom::Start(0)).map_err(failed)?;
         let input: Box<dyn Input> = Box::new(input);
+        let lanes = rods.iter().flat_map(RodChannels::lanes);
+        let sampled = lanes.map(|lane| lane.displacement.topic);
         Ok(Self {
             stage: Stage::Reading(match live {
                 true => FileReader::unchecked(input, live),
-                false => FileReader::by_time(input).map_err(failed)?,
+                false => FileReader::by_time(input, sampled.collect()).map_err(failed)?,
             }),
             router: Router::new(rods, settings),
             queue: VecDeque::new(),
@@ -237,8 +239,8 @@ impl Recording {
             Stage::Reading(file) => {
                 let router = &mut self.router;
                 let outcome = file.step(&mut |item| router.item(item));
-                if let Some(reader) = file.reader() {
-                    self.read = reader.bytes_read();
+                if file.reader().is_some() {
+                    self.read = file.bytes_read().max(self.read);
                     self.offset = file.offset();
                 }
                 outcome
@@ -352,7 +354,7 @@ impl Recording {
     pub fn held(&self) -> usize {
         let ready = self.queue.iter().map(|timed| 8 * timed.event.samples());
         let reading = match &self.stage {
-            Stage::Reading(file) => file.reader().map_or(0, Reader::held),
+            Stage::Reading(file) => file.held(),
             Stage::Given(_) | Stage::Ended => 0,
         };
         self.router.held() + reading + ready.sum::<usize>()
@@ -378,9 +380,13 @@ impl Recording {
 
     fn end(&mut self, outcome: Result<Progress, Damage>) {
         let (whole, messages) = match std::mem::replace(&mut self.stage, Stage::Ended) {
-            Stage::Reading(file) => file
-                .reader()
-                .map_or((false, 0), |reader| (reader.data_ended(), reader.messages())),
+            Stage::Reading(file) => {
+                if let Some(beyond) = &file.beyond {
+                    self.note(format!("{}: {beyond}", self.name));
+                }
+                file.reader()
+                    .map_or((false, 0), |reader| (reader.data_ended(), reader.messages()))
+            }
             Stage::Given(_) => (true, self.router.messages()),
             Stage::Ended => return,
         };

@@ -42,7 +42,8 @@ const PAUSE: Duration = Duration::from_secs(1);
 #[derive(Debug)]
 pub struct Quarantine {
     working: File,
-    memory: PathBuf,
+    /// Locked before the deaths: what is written last is the latest.
+    memory: Mutex<PathBuf>,
     inner: Mutex<Inner>,
     changed: Condvar,
 }
@@ -113,7 +114,7 @@ impl Quarantine {
             .open(path)?;
         Ok(Self {
             working,
-            memory,
+            memory: Mutex::new(memory),
             inner: Mutex::new(Inner {
                 deaths,
                 ..Inner::default()
@@ -138,13 +139,13 @@ impl Quarantine {
     }
 
     fn forget(&self, step: &str) {
-        let mut inner = self.lock();
-        let cleared = inner.deaths.remove(step).map(|_| inner.deaths.clone());
-        drop(inner);
-        if let Some(deaths) = cleared
-            && let Err(error) = remember(&self.memory, &deaths)
-        {
-            tracing::warn!("{}: cannot be written: {error}", self.memory.display());
+        if self.lock().deaths.remove(step).is_none() {
+            return;
+        }
+        let memory = self.memory.lock().unwrap_or_else(PoisonError::into_inner);
+        let deaths = self.lock().deaths.clone();
+        if let Err(error) = remember(&memory, &deaths) {
+            tracing::warn!("{}: cannot be written: {error}", memory.display());
         }
     }
 
@@ -318,6 +319,27 @@ mod tests {
         let quarantine = Arc::new(Quarantine::open(&store).unwrap());
         assert!(quarantine.is_quarantined("bad"));
         assert_eq!(quarantine.deaths("good"), 0);
+    }
+
+    #[test]
+    fn steps_that_end_at_once_are_all_cleared() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("site.db");
+        let quarantine = Quarantine::open(&store).unwrap();
+        for round in 0..100 {
+            for step in ["one", "other"] {
+                quarantine.lock().deaths.insert(step.to_owned(), 1);
+            }
+            thread::scope(|scope| {
+                for step in ["one", "other"] {
+                    let quarantine = &quarantine;
+                    scope.spawn(move || quarantine.forget(step));
+                }
+            });
+            let memory = fs::read(beside(&store, ".suspects")).unwrap();
+            let left: BTreeMap<String, u32> = serde_json::from_slice(&memory).unwrap();
+            assert_eq!(left, BTreeMap::new(), "round {round}");
+        }
     }
 
     #[test]

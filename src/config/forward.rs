@@ -1,13 +1,14 @@
 //! `[forward]`: the copy of the results to a centre of many sites.
 
 use super::list::file;
-use super::range::toml_string;
+use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
 use super::value::Value;
 use crate::analysis::signal::record::time::DAY_S;
 use crate::config::settings::forward::{ForwardSettings, LONGEST_SITE, NatsSettings, is_site};
 use crate::config::settings::store::StoreSettings;
 use std::net::IpAddr;
+use std::time::Duration;
 
 /// Default port of NATS.
 const PORT: u16 = 4222;
@@ -24,6 +25,14 @@ pub(super) fn read(table: &mut Table<'_>, store: &StoreSettings) -> Option<Forwa
         site,
         |site| toml_string(site),
     );
+    let heartbeat_s = table.number(
+        key(
+            "heartbeat_s",
+            "interval at which the centre is told that the daemon lives, and how it stands [s]",
+        ),
+        Range::within(1.0, 3600.0),
+        60.0,
+    );
     if store.keep_lines_s.is_some_and(|lines_s| lines_s < KEEP_S) {
         table.fault_of(
             "to",
@@ -33,6 +42,7 @@ pub(super) fn read(table: &mut Table<'_>, store: &StoreSettings) -> Option<Forwa
     Some(ForwardSettings {
         nats: nats?,
         site: site?,
+        heartbeat: Duration::from_secs_f64(heartbeat_s),
     })
 }
 

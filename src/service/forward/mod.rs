@@ -3,6 +3,7 @@
 //! The end of the site's subject is the position: whatever was lost on the way, the next message follows the last one there. A
 //! broker that is dead, hangs or refuses delays nothing but itself. docs/hub.md describes post and centre.
 
+pub mod beat;
 pub mod link;
 pub mod message;
 mod session;
@@ -25,6 +26,10 @@ use tokio::sync::{Notify, watch};
 
 /// Id of this sink, in conditions, metrics and the store. The slash keeps it apart from every `[[sink]]`, whose ids have none.
 pub const SINK: &str = "copy/forward";
+/// Subject of the condition of heartbeats that are not taken.
+const BEAT: &str = "copy/heartbeat";
+/// Wait after a heartbeat that was not taken.
+const BEAT_AGAIN: Duration = Duration::from_secs(10);
 /// Name of its thread.
 const THREAD: &str = "forward";
 
@@ -77,6 +82,7 @@ impl Forwarder {
             wake: Arc::clone(&wake),
             stopped,
             has_led: false,
+            beat_due: Instant::now(),
         };
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
@@ -122,6 +128,8 @@ struct Worker {
     stopped: watch::Receiver<bool>,
     /// True after this process has sent a message.
     has_led: bool,
+    /// Time at which the next heartbeat is due.
+    beat_due: Instant,
 }
 
 impl Worker {
@@ -150,6 +158,7 @@ impl Worker {
         let settings = self.settings.clone();
         let mut session = Session::open(&settings, &reader, self.has_led).await?;
         loop {
+            self.beat(&session, &reader).await?;
             let latest = reader.latest_change()?;
             let waiting = latest - session.end().through;
             self.telemetry
@@ -165,13 +174,35 @@ impl Worker {
                     self.worked(session.end().through, true);
                     let wake = async {
                         // A notification or the interval: both lead to the next look.
-                        let _ = tokio::time::timeout(LOOK, self.wake.notified()).await;
+                        let longest = LOOK.min(settings.heartbeat);
+                        let _ = tokio::time::timeout(longest, self.wake.notified()).await;
                         Ok::<_, SessionError>(())
                     };
                     session.link().unless_lost(wake).await?;
                 }
             }
         }
+    }
+
+    /// Sends a heartbeat if one is due. One that the post does not take ends no connection.
+    async fn beat(&mut self, session: &Session<'_>, reader: &Reader) -> Result<(), SessionError> {
+        if Instant::now() < self.beat_due {
+            return Ok(());
+        }
+        let (health, every) = (&self.telemetry.health, self.settings.heartbeat);
+        match session.beat(reader, health).await {
+            Ok(()) => {
+                self.beat_due = Instant::now() + every;
+                health.over(Fault::Forward, BEAT);
+            }
+            Err(SessionError::Link(error)) => {
+                self.beat_due = Instant::now() + every.min(BEAT_AGAIN);
+                let detail = format!("forward: the post does not take heartbeats: {error}");
+                health.hold(Fault::Forward, BEAT, detail);
+            }
+            Err(error) => return Err(error),
+        }
+        Ok(())
     }
 
     /// Ends the condition, and notes the position now and then.

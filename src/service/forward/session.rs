@@ -1,14 +1,19 @@
 //! One connection's work: finds where the subject ends, and continues it commit by commit, one message in flight.
 
+use super::beat::{self, Heartbeat};
 use super::link::{ANSWER, Link, LinkError};
 use super::message::{self, Label, MessageError, OUT, STREAM};
 use crate::config::settings::forward::ForwardSettings;
+use crate::service::telemetry::Health;
 use crate::site::store::{Change, FORMAT, Reader, StoreError};
 use async_nats::HeaderValue;
 use async_nats::jetstream::context::PublishErrorKind;
 use async_nats::jetstream::message::{PublishMessage, StreamMessage};
 use async_nats::jetstream::stream::DirectGetErrorKind;
+use std::time::Duration;
 
+/// Longest time for the post to take a heartbeat; results wait meanwhile.
+const BEAT: Duration = Duration::from_secs(2);
 /// Most commits in a message.
 const MOST: usize = 200;
 /// Room for headers in a message \[bytes\].
@@ -245,6 +250,28 @@ impl<'a> Session<'a> {
             Err(error) => return Err(self.link.failed(&what, &error).into()),
         }
         Ok(Some(self.end.through))
+    }
+
+    /// Says that the site lives, and how it stands.
+    ///
+    /// # Errors
+    /// The post does not take it, or the store cannot be read.
+    pub async fn beat(&self, reader: &Reader, health: &Health) -> Result<(), SessionError> {
+        let beat = Heartbeat::of(reader, &self.epoch, health)?;
+        let payload = serde_json::to_vec(&beat).map_err(|error| MessageError::Content(error.to_string()))?;
+        let subject = format!("{}.{}", beat::SUBJECT, self.settings.site);
+        let send = async {
+            let sent = self.link.jetstream.publish(subject.clone(), payload.into()).await;
+            match sent {
+                Ok(sent) => sent.await.map(|_| ()),
+                Err(error) => Err(error),
+            }
+        };
+        match tokio::time::timeout(BEAT, send).await {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(error)) => Err(self.link.failed(&subject, &error).into()),
+            Err(elapsed) => Err(self.link.failed(&subject, &elapsed).into()),
+        }
     }
 
     /// As many of the commits as fit into a message, and its content; `None` without commits.

@@ -5,10 +5,12 @@ use super::centre::{Centre, CentreError};
 use super::feed::{Feed, number};
 use super::fold::{self, Fold, Judged};
 use super::incoming::Incoming;
+use super::silence::Silence;
 use super::text::fit;
 use super::{ABOUT, Hub, HubError};
 use crate::service::alert::Backoff;
 use crate::service::telemetry::Fault;
+use crate::site::clock;
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
@@ -39,6 +41,7 @@ pub(super) struct Work<'h> {
     fold: Fold,
     /// Sites whose missing commits were looked for, and of which nothing was folded since.
     searched: BTreeSet<String>,
+    silence: Silence,
 }
 
 impl<'h> Work<'h> {
@@ -47,12 +50,14 @@ impl<'h> Work<'h> {
         let mut centre = super::open(&hub.config.storage)?;
         let feed = hub.runtime.block_on(Feed::open(hub.config))?;
         let (sites, overruled) = (centre.sites()?, centre.overruled()?);
+        let silence = Silence::begin(centre.beats()?, clock::now().as_nanos());
         Ok(Self {
             fold: Fold::new(hub.listed(), centre.copied().to_vec(), sites, overruled),
             hub,
             centre,
             feed,
             searched: BTreeSet::new(),
+            silence,
         })
     }
 
@@ -71,6 +76,7 @@ impl<'h> Work<'h> {
                     self.fold_next(&messages)?;
                     position = last;
                     self.tell_faults();
+                    self.hear(false)?;
                 }
                 None if until.is_some() => break,
                 None if looked.elapsed() >= LOOK => {
@@ -80,7 +86,7 @@ impl<'h> Work<'h> {
                         position = self.begin()?;
                     }
                 }
-                None => {}
+                None => self.hear(true)?,
             }
             backoff.reset();
             self.hub.health.over(Fault::Forward, ABOUT);
@@ -278,6 +284,23 @@ impl<'h> Work<'h> {
             }
             self.settle(&some, Origin::Earlier)?;
         }
+        Ok(())
+    }
+
+    /// Keeps the heartbeats that came, and tells which sites are silent; `is_caught_up`: all messages are read.
+    fn hear(&mut self, is_caught_up: bool) -> Result<(), HubError> {
+        let now_ns = clock::now().as_nanos();
+        if !self.silence.is_due(now_ns) {
+            return Ok(());
+        }
+        let came = self.hub.heard.take();
+        if !came.is_empty() {
+            self.centre.keep_beats(&came)?;
+        }
+        self.silence.take(came, self.hub.heard.since_ns());
+        let (sites, health) = (&self.hub.config.sites, &self.hub.health);
+        self.silence
+            .tell(sites, self.fold.sites(), health, (now_ns, is_caught_up));
         Ok(())
     }
 

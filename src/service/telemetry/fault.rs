@@ -27,6 +27,8 @@ pub enum Fault {
     Sink,
     /// The centre's post cannot be reached, or refuses.
     Forward,
+    /// Nothing is heard of a site at the centre.
+    Silent,
     /// A new configuration has faults: the old one stays in force.
     Reload,
     /// A watched folder cannot be read.
@@ -53,7 +55,7 @@ pub enum Fault {
 
 impl Fault {
     /// Every kind of fault.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 24] = [
         Self::Rejected,
         Self::Recording,
         Self::Client,
@@ -66,6 +68,7 @@ impl Fault {
         Self::Write,
         Self::Sink,
         Self::Forward,
+        Self::Silent,
         Self::Reload,
         Self::Folder,
         Self::Topic,
@@ -94,6 +97,7 @@ impl Fault {
             Self::Write => "write",
             Self::Sink => "sink",
             Self::Forward => "forward",
+            Self::Silent => "silent",
             Self::Reload => "reload",
             Self::Folder => "folder",
             Self::Topic => "topic",
@@ -123,6 +127,7 @@ impl Fault {
             Self::Write => "the store or the journal cannot be written",
             Self::Sink => "a sink cannot be reached, or refuses: alarms wait",
             Self::Forward => "the post to the centre cannot be reached, or refuses: results wait here",
+            Self::Silent => "nothing is heard of a site (`tirante hub`)",
             Self::Reload => "a new configuration is bad: the old one holds",
             Self::Folder => "a watched folder cannot be read",
             Self::Topic => {

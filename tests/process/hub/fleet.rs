@@ -333,6 +333,39 @@ impl Fleet {
         self.wait(word, |_| fs::read(&log).is_ok_and(is_there));
     }
 
+    /// Changes the hub's configuration.
+    pub fn reconfigure_hub(&self, change: impl Fn(String) -> String) {
+        let text = fs::read_to_string(self.config()).unwrap();
+        fs::write(self.config(), change(text)).unwrap();
+    }
+
+    /// Waits until the centre has heard a heartbeat of every site.
+    pub fn wait_until_beating(&mut self) {
+        let config = HubConfig::load(&self.config()).unwrap();
+        self.wait("every site beats", |fleet| {
+            let beats = hub::beside(&config.storage).and_then(|mut centre| centre.beats());
+            beats.is_ok_and(|beats| fleet.edges.iter().all(|edge| beats.contains_key(&edge.name)))
+        });
+    }
+
+    /// Number of messages in a stream, by the server's monitoring.
+    pub fn messages_of(&self, stream: &str) -> u64 {
+        let mut socket = TcpStream::connect(("127.0.0.1", self.nats.monitor)).unwrap();
+        socket.set_read_timeout(Some(DEADLINE)).unwrap();
+        write!(
+            socket,
+            "GET /jsz?streams=true HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+        )
+        .unwrap();
+        let mut answer = String::new();
+        socket.read_to_string(&mut answer).unwrap();
+        let (_, body) = answer.split_once("\r\n\r\n").unwrap();
+        let body: serde_json::Value = serde_json::from_str(body).unwrap();
+        let streams = body["account_details"][0]["stream_detail"].as_array().unwrap();
+        let found = streams.iter().find(|one| one["name"] == stream).unwrap();
+        found["state"]["messages"].as_u64().unwrap()
+    }
+
     /// Present length of the hub's log.
     pub fn hub_logged(&self) -> usize {
         fs::read(self.path("hub.log")).map_or(0, |log| log.len())
@@ -651,7 +684,7 @@ fn edge(name: &str, to: &str) -> Edge {
         &(config
             + &format!(
                 "\n[store]\npath = \"site.db\"\n[ingest]\nfolder = \"archive\"\n[http]\nlisten = \"off\"\n\
-                 [forward]\n{to}site = \"{name}\"\n"
+                 [forward]\n{to}site = \"{name}\"\nheartbeat_s = 1.0\n"
             )),
     );
     files(&from.path("archive"), &site.path("archive"));

@@ -266,7 +266,16 @@ fn site(table: &mut Table<'_>) -> Option<SiteSettings> {
             Range::within(0.001, 8760.0),
             1.0,
         );
+    let command_key = file(
+        table,
+        key(
+            "command_key",
+            "file with the seed that signs commands to this site (`hub key --commands`), readable by its owner alone",
+        ),
+        "no command can be given to it",
+    );
     Some(SiteSettings {
+        command_key,
         name: name?,
         link,
         silent_s,

@@ -38,6 +38,8 @@ pub struct ForwardSettings {
     pub site: String,
     /// Interval between heartbeats.
     pub heartbeat: Duration,
+    /// Public key of those whose commands are carried out; none are without.
+    pub command_key: Option<String>,
 }
 
 /// Name of the hub at the server, which no site may have: it hears what the hub hears.

@@ -221,6 +221,11 @@ impl Message {
         match self.what {
             What::Test => format!("{}: test of an alarm sink", self.site),
             What::Alive | What::Ended => format!("{}: {}", self.site, self.message),
+            // The outcome of a command, which stands for itself.
+            What::Cleared if self.alarm.starts_with("command-") => {
+                let about = self.about.as_deref().unwrap_or_default();
+                format!("{}, command of the centre: {about}", self.site)
+            }
             What::Cleared if self.kind == Fault::Silent.code() => {
                 let about = self.about.as_deref().unwrap_or_default();
                 format!("{about}: {} is over ({})", self.kind, self.site)

@@ -41,6 +41,9 @@ pub struct Heartbeat {
     pub stopped_since: Option<Timestamp>,
     /// Present conditions of the daemon, at most eight.
     pub conditions: Vec<Lasting>,
+    /// Number of commands since the daemon's start that were not carried out, by reason.
+    #[serde(default)]
+    pub refused: BTreeMap<String, u64>,
 }
 
 /// A present condition of a site's daemon.
@@ -74,6 +77,7 @@ impl Heartbeat {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             state: health.state().code().to_owned(),
             rods,
+            refused: BTreeMap::new(),
             stopped_since: monitoring.stopped_since,
             conditions: conditions
                 .map(|one| Lasting {

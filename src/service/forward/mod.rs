@@ -4,8 +4,10 @@
 //! broker that is dead, hangs or refuses delays nothing but itself. docs/hub.md describes post and centre.
 
 pub mod beat;
+pub mod command;
 pub mod link;
 pub mod message;
+mod obey;
 mod session;
 
 pub use session::{Session, SessionError};
@@ -16,8 +18,9 @@ use crate::service::alert::{Backoff, Pace};
 use crate::service::telemetry::metrics::Delivery;
 use crate::service::telemetry::{Fault, Telemetry};
 use crate::site::store::Reader;
+use obey::Obedience;
 use std::future::Future;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant};
@@ -28,6 +31,10 @@ use tokio::sync::{Notify, watch};
 pub const SINK: &str = "copy/forward";
 /// Subject of the condition of heartbeats that are not taken.
 const BEAT: &str = "copy/heartbeat";
+/// Subject of the condition of commands that cannot be asked for.
+const COMMANDS: &str = "copy/commands";
+/// Subjects of this sink's conditions.
+pub const ABOUTS: [&str; 3] = [SINK, BEAT, COMMANDS];
 /// Wait after a heartbeat that was not taken.
 const BEAT_AGAIN: Duration = Duration::from_secs(10);
 /// Name of its thread.
@@ -66,13 +73,19 @@ impl Forwarder {
     pub fn start(
         settings: &ForwardSettings,
         store: PathBuf,
+        config: &Path,
         noted: Noted,
         telemetry: Telemetry,
     ) -> io::Result<Self> {
         let (wake, (stop, stopped)) = (Arc::<Notify>::default(), watch::channel(false));
         let (ending, ended) = sync_channel(0);
         let seed = random::seed(&[SINK.as_bytes(), settings.site.as_bytes()]);
+        let obedience = settings
+            .command_key
+            .as_ref()
+            .map(|key| Obedience::new(key, &settings.site, &store, config));
         let worker = Worker {
+            obedience,
             settings: settings.clone(),
             store,
             noted,
@@ -130,6 +143,8 @@ struct Worker {
     has_led: bool,
     /// Time at which the next heartbeat is due.
     beat_due: Instant,
+    /// The centre's commands, if any are carried out.
+    obedience: Option<Obedience>,
 }
 
 impl Worker {
@@ -190,7 +205,19 @@ impl Worker {
             return Ok(());
         }
         let (health, every) = (&self.telemetry.health, self.settings.heartbeat);
-        match session.beat(reader, health).await {
+        if let Some(obedience) = &mut self.obedience {
+            obedience.look(health);
+            match session.commands(obedience, reader, health).await {
+                Ok(()) => health.over(Fault::Forward, COMMANDS),
+                Err(SessionError::Link(error)) => {
+                    let detail = format!("forward: commands of the centre cannot be asked for: {error}");
+                    health.hold(Fault::Forward, COMMANDS, detail);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        let refused = self.obedience.as_ref().map(Obedience::refused);
+        match session.beat(reader, health, refused).await {
             Ok(()) => {
                 self.beat_due = Instant::now() + every;
                 health.over(Fault::Forward, BEAT);

@@ -136,6 +136,11 @@ fn read(payload: &[u8]) -> Result<Heartbeat, String> {
         .into_iter()
         .map(|(state, count)| (fit(&state, LONGEST), count))
         .collect();
+    beat.refused = beat
+        .refused
+        .into_iter()
+        .map(|(reason, count)| (fit(&reason, LONGEST), count))
+        .collect();
     for lasting in &mut beat.conditions {
         lasting.kind = fit(&lasting.kind, LONGEST);
         lasting.detail = fit(&lasting.detail, LONGEST);
@@ -197,6 +202,7 @@ mod tests {
             rods: BTreeMap::from([("monitoring".to_owned(), 2)]),
             stopped_since: None,
             conditions: Vec::new(),
+            refused: BTreeMap::new(),
         };
         let sent = serde_json::to_vec(&beat).unwrap();
         let found = read(&sent).unwrap();

@@ -347,7 +347,7 @@ impl Centre {
         Ok(rows.iter().filter_map(heard).collect())
     }
 
-    /// Empties every table, to fold the stream from its beginning.
+    /// Empties every table but the commands, to fold the stream from its beginning.
     ///
     /// # Errors
     /// The database refuses.
@@ -359,7 +359,7 @@ impl Centre {
         };
         let mut all = String::from("BEGIN;");
         for name in tables::names(&self.copied) {
-            if name != "centre" {
+            if !["centre", "command"].contains(&name) {
                 all += &format!("{empty} \"{name}\";");
             }
         }

@@ -6,6 +6,7 @@
 pub mod batch;
 pub mod beats;
 pub mod centre;
+pub mod commands;
 pub mod feed;
 pub mod fold;
 pub mod incoming;

@@ -114,6 +114,7 @@ mod tests {
             rods: BTreeMap::new(),
             stopped_since: None,
             conditions: Vec::new(),
+            refused: BTreeMap::new(),
         };
         [("todi".to_owned(), Heard { heard_ns, beat })].into()
     }
@@ -124,6 +125,7 @@ mod tests {
             name: name.to_owned(),
             link: None,
             silent_s: 100.0,
+            command_key: None,
         });
         let (health, none) = (Health::default(), BTreeMap::new());
         // A hub that was away for a day does not blame the site.

@@ -76,6 +76,8 @@ pub struct SiteRow {
     pub stopped_since: Option<String>,
     /// Conditions of its daemon.
     pub conditions: Vec<Lasting>,
+    /// Number of commands that were not carried out since its daemon's start, by reason.
+    pub refused: BTreeMap<String, u64>,
     /// Number of commits of the present store that have not come yet.
     pub behind: Option<i64>,
     /// Last commit folded.
@@ -186,6 +188,7 @@ pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result
             state: heard.map(|heard| heard.beat.state.clone()),
             stopped_since: stopped_since.map(|since| since.to_string()),
             conditions: heard.map_or_else(Vec::new, |heard| heard.beat.conditions.clone()),
+            refused: heard.map_or_else(BTreeMap::new, |heard| heard.beat.refused.clone()),
             behind: of_present.map(|heard| {
                 let through = history.map_or(0, |history| history.through);
                 heard.beat.through.saturating_sub(through).max(0)

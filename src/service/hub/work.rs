@@ -2,6 +2,7 @@
 
 use super::batch::Batch;
 use super::centre::{Centre, CentreError};
+use super::commands::Published;
 use super::feed::{Feed, number};
 use super::fold::{self, Fold, Judged};
 use super::incoming::Incoming;
@@ -16,11 +17,16 @@ use std::time::{Duration, Instant};
 
 /// Interval of looks at the end of the stream, which may have been set back.
 const LOOK: Duration = Duration::from_secs(5);
+/// Wait after the post did not take commands.
+const AGAIN: Duration = Duration::from_secs(30);
 /// Most earlier messages of a site that are folded at once, and their bytes.
 const PAGE: usize = 64;
 const PAGE_BYTES: usize = 8 << 20;
 /// Longest reason of a message that the database refuses \[bytes\].
 const LONGEST: usize = 500;
+
+/// Subject of the condition of commands that the post does not take.
+const COMMANDS: &str = "commands";
 
 /// Origin of messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,6 +48,9 @@ pub(super) struct Work<'h> {
     /// Sites whose missing commits were looked for, and of which nothing was folded since.
     searched: BTreeSet<String>,
     silence: Silence,
+    published: Published,
+    /// Time before which commands are not taken to the post again, after it refused.
+    command_again: Option<Instant>,
 }
 
 impl<'h> Work<'h> {
@@ -58,6 +67,8 @@ impl<'h> Work<'h> {
             feed,
             searched: BTreeSet::new(),
             silence,
+            published: Published::default(),
+            command_again: None,
         })
     }
 
@@ -287,7 +298,7 @@ impl<'h> Work<'h> {
         Ok(())
     }
 
-    /// Keeps the heartbeats that came, and tells which sites are silent; `is_caught_up`: all messages are read.
+    /// Keeps the heartbeats that came, tells which sites are silent, and takes new commands to the post; `is_caught_up`: all messages are read.
     fn hear(&mut self, is_caught_up: bool) -> Result<(), HubError> {
         let now_ns = clock::now().as_nanos();
         if !self.silence.is_due(now_ns) {
@@ -301,6 +312,29 @@ impl<'h> Work<'h> {
         let (sites, health) = (&self.hub.config.sites, &self.hub.health);
         self.silence
             .tell(sites, self.fold.sites(), health, (now_ns, is_caught_up));
+        self.command(now_ns)
+    }
+
+    /// Takes new commands to the post, if any site can be commanded.
+    fn command(&mut self, now_ns: i64) -> Result<(), HubError> {
+        let config = self.hub.config;
+        let is_none = config.sites.iter().all(|site| site.command_key.is_none());
+        if is_none || self.command_again.is_some_and(|at| Instant::now() < at) {
+            return Ok(());
+        }
+        let open = self.centre.open_commands(now_ns)?;
+        let publish = self.published.publish(self.feed.link(), open, config.is_creating);
+        self.command_again = match self.hub.runtime.block_on(publish) {
+            Ok(()) => {
+                self.hub.health.over(Fault::Forward, COMMANDS);
+                None
+            }
+            Err(error) => {
+                let detail = format!("commands to the sites wait: {error}");
+                self.hub.health.hold(Fault::Forward, COMMANDS, detail);
+                Some(Instant::now() + AGAIN)
+            }
+        };
         Ok(())
     }
 

@@ -29,6 +29,8 @@ pub enum Fault {
     Forward,
     /// Nothing is heard of a site at the centre.
     Silent,
+    /// A command of the centre was refused, or waits for a person.
+    Command,
     /// A new configuration has faults: the old one stays in force.
     Reload,
     /// A watched folder cannot be read.
@@ -55,7 +57,7 @@ pub enum Fault {
 
 impl Fault {
     /// Every kind of fault.
-    pub const ALL: [Self; 24] = [
+    pub const ALL: [Self; 25] = [
         Self::Rejected,
         Self::Recording,
         Self::Client,
@@ -69,6 +71,7 @@ impl Fault {
         Self::Sink,
         Self::Forward,
         Self::Silent,
+        Self::Command,
         Self::Reload,
         Self::Folder,
         Self::Topic,
@@ -98,6 +101,7 @@ impl Fault {
             Self::Sink => "sink",
             Self::Forward => "forward",
             Self::Silent => "silent",
+            Self::Command => "command",
             Self::Reload => "reload",
             Self::Folder => "folder",
             Self::Topic => "topic",
@@ -128,6 +132,7 @@ impl Fault {
             Self::Sink => "a sink cannot be reached, or refuses: alarms wait",
             Self::Forward => "the post to the centre cannot be reached, or refuses: results wait here",
             Self::Silent => "nothing is heard of a site (`tirante hub`)",
+            Self::Command => "a command of the centre was refused, or waits for a person",
             Self::Reload => "a new configuration is bad: the old one holds",
             Self::Folder => "a watched folder cannot be read",
             Self::Topic => {

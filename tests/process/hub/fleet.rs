@@ -81,9 +81,14 @@ pub fn text_of(bytes: &[u8]) -> String {
 
 /// Draws a key into a file of the program's own; returns its public part.
 fn key(folder: &Path, name: &str) -> String {
+    drawn(&folder.join(format!("{name}.nk")), &[])
+}
+
+fn drawn(file: &Path, more: &[&str]) -> String {
     let output = Command::new(env!("CARGO_BIN_EXE_tirante"))
         .args(["hub", "key"])
-        .arg(folder.join(format!("{name}.nk")))
+        .args(more)
+        .arg(file)
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", text_of(&output.stderr));
@@ -346,6 +351,22 @@ impl Fleet {
             let beats = hub::beside(&config.storage).and_then(|mut centre| centre.beats());
             beats.is_ok_and(|beats| fleet.edges.iter().all(|edge| beats.contains_key(&edge.name)))
         });
+    }
+
+    /// Draws a key of commands for each site, into `NAME.ck`, and names it to both ends.
+    pub fn give_keys(&self) {
+        for edge in &self.edges {
+            let name = &edge.name;
+            let file = self.path(&format!("{name}.ck"));
+            let key = drawn(&file, &["--commands"]);
+            let path = edge.site.path("site.toml");
+            let text = fs::read_to_string(&path).unwrap();
+            let own = format!("[forward]\ncommand_key = \"{key}\"\n");
+            fs::write(path, text.replace("[forward]\n", &own)).unwrap();
+            let listed = format!("[[site]]\nname = \"{name}\"\n");
+            let with_key = format!("{listed}command_key = \"{}\"\n", file.display());
+            self.reconfigure_hub(|text| text.replace(&listed, &with_key));
+        }
     }
 
     /// Number of messages in a stream, by the server's monitoring.

@@ -56,6 +56,12 @@ fn a_stolen_credential_writes_its_own_site_alone_until_it_is_revoked() {
             "tirante.v1.out.gubbio",
             "tirante.v1.out.todi.more",
             "tirante.v1.beat.gubbio",
+            "tirante.v1.cmd.todi",
+            "tirante.v1.cmd.gubbio",
+            "$JS.API.STREAM.MSG.GET.TIRANTE_CMD",
+            "$JS.API.STREAM.CREATE.TIRANTE_CMD",
+            "$JS.API.DIRECT.GET.TIRANTE_CMD",
+            "$JS.API.DIRECT.GET.TIRANTE_CMD.tirante.v1.cmd.gubbio",
             "$JS.API.STREAM.INFO.TIRANTE_BEAT",
             "$JS.API.STREAM.MSG.GET.TIRANTE_BEAT",
             "$JS.API.STREAM.DELETE.TIRANTE_BEAT",
@@ -83,7 +89,15 @@ fn a_stolen_credential_writes_its_own_site_alone_until_it_is_revoked() {
                 .any(|line| line.contains(&format!("\"{subject}\"")));
             assert!(heard, "{subject}: {:?}", said.lock().unwrap());
         }
-        for subject in ["tirante.>", "_INBOX_gubbio.>", "_INBOX.>", ">"] {
+        for subject in [
+            "tirante.>",
+            "tirante.v1.cmd.gubbio",
+            "tirante.v1.cmd.todi",
+            "tirante.v1.beat.>",
+            "_INBOX_gubbio.>",
+            "_INBOX.>",
+            ">",
+        ] {
             let mut listening = client.subscribe(subject).await.unwrap();
             client.flush().await.unwrap();
             tokio::time::sleep(Duration::from_millis(100)).await;

@@ -2,10 +2,13 @@
 
 use super::beats::{publish, row, wait};
 use super::fleet::{Fleet, Storage, text_of};
+use super::servers::DEADLINE;
 use crate::site::lines;
 use serde_json::Value;
 use std::fs;
 use std::path::PathBuf;
+use std::thread;
+use std::time::{Duration, Instant};
 use tirante::service::forward::command::{Action, Order, Signed};
 use tirante::site::store::{Filter, Reader};
 
@@ -35,6 +38,24 @@ fn wait_for(fleet: &Fleet, number: i64, state: &str) -> Value {
 
 fn store(fleet: &Fleet) -> PathBuf {
     fleet.edges[0].site.path("site.db")
+}
+
+/// What the post has of todi's open commands.
+fn open(fleet: &Fleet) -> String {
+    let address = format!("127.0.0.1:{}", fleet.nats_port());
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    runtime.block_on(async {
+        let client = async_nats::connect(address).await.unwrap();
+        let jetstream = async_nats::jetstream::new(client);
+        let stream = jetstream.get_stream("TIRANTE_CMD").await.unwrap();
+        let last = stream
+            .get_last_raw_message_by_subject("tirante.v1.cmd.todi")
+            .await;
+        text_of(&last.unwrap().payload)
+    })
 }
 
 /// Number of requests in todi's store, applied or not.
@@ -98,8 +119,13 @@ fn commands_are_carried_out_once_and_answered() {
         fleet.kill_hub();
         fleet.kill_nats();
     }
-    fleet.wait_until_sent();
-    wait_for(&fleet, number, "accepted");
+    // A hub that finds no post at its start ends, and is begun again by its unit.
+    let until = Instant::now() + DEADLINE;
+    while listed(&fleet, number)["state"] != "accepted" {
+        assert!(Instant::now() < until, "not accepted\n{}", fleet.log());
+        fleet.keep_hub();
+        thread::sleep(Duration::from_millis(200));
+    }
     fleet.more_records(0);
     wait_for(&fleet, number, "carried-out");
     assert_eq!(requests(&fleet), 2);
@@ -146,6 +172,8 @@ fn what_is_forged_changed_expired_repeated_or_anothers_is_refused_and_counted() 
     fleet.wait_until_sent();
     let number = command(&fleet, &["acknowledge", &first_alarm(&fleet)]);
     wait_for(&fleet, number, "carried-out");
+    // From now on the hub has nothing to put in the place of what is forged.
+    wait(&fleet, "no command is open", || open(&fleet) == "[]");
     let (epoch, _) = fleet.end_of(0);
     let order = |number: i64, site: &str, expires_ns: i64| Order {
         site: site.to_owned(),

@@ -375,7 +375,7 @@ impl Fleet {
         socket.set_read_timeout(Some(DEADLINE)).unwrap();
         write!(
             socket,
-            "GET /jsz?streams=true HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+            "GET /jsz?streams=true HTTP/1.0\r\nHost: localhost\r\n\r\n"
         )
         .unwrap();
         let mut answer = String::new();
@@ -476,7 +476,7 @@ impl Fleet {
     }
 
     /// Starts a hub that ended again, as its unit does: at its start it may find a server dead.
-    fn keep_hub(&mut self) {
+    pub fn keep_hub(&mut self) {
         let ended = self
             .hub
             .as_mut()

@@ -1,13 +1,14 @@
 //! `[forward]`: the copy of the results to a centre of many sites.
 
 use super::list::file;
-use super::range::toml_string;
+use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
 use super::value::Value;
 use crate::analysis::signal::record::time::DAY_S;
 use crate::config::settings::forward::{ForwardSettings, LONGEST_SITE, NatsSettings, is_site};
 use crate::config::settings::store::StoreSettings;
 use std::net::IpAddr;
+use std::time::Duration;
 
 /// Default port of NATS.
 const PORT: u16 = 4222;
@@ -24,6 +25,24 @@ pub(super) fn read(table: &mut Table<'_>, store: &StoreSettings) -> Option<Forwa
         site,
         |site| toml_string(site),
     );
+    let heartbeat_s = table.number(
+        key(
+            "heartbeat_s",
+            "interval at which the centre is told that the daemon lives, and how it stands [s]",
+        ),
+        Range::within(1.0, 3600.0),
+        60.0,
+    );
+    let command_key = table.take(
+        key(
+            "command_key",
+            "public key of those who may command this site from the centre, as `tirante hub key --commands` prints it",
+        ),
+        "O and 55 letters and digits",
+        Absent::Nothing("commands of the centre are not asked for"),
+        command_key,
+        |key| toml_string(key),
+    );
     if store.keep_lines_s.is_some_and(|lines_s| lines_s < KEEP_S) {
         table.fault_of(
             "to",
@@ -33,6 +52,8 @@ pub(super) fn read(table: &mut Table<'_>, store: &StoreSettings) -> Option<Forwa
     Some(ForwardSettings {
         nats: nats?,
         site: site?,
+        command_key,
+        heartbeat: Duration::from_secs_f64(heartbeat_s),
     })
 }
 
@@ -89,6 +110,17 @@ pub(super) fn site(value: &Value<'_>) -> Option<String> {
         value.fault(format!(
             "\"{text}\" is no name of a site: 1 to {LONGEST_SITE} letters, digits, '-', '_', and not HUB, which is the hub's"
         ));
+        return None;
+    }
+    Some(text.to_owned())
+}
+
+/// Reads a public key of commands, which is an operator's NKEY: no login is one.
+fn command_key(value: &Value<'_>) -> Option<String> {
+    let text = value.string()?;
+    let pair = nkeys::KeyPair::from_public_key(text).ok();
+    if pair.is_none_or(|pair| pair.key_pair_type() != nkeys::KeyPairType::Operator) {
+        value.fault("is no public key of commands: `tirante hub key --commands FILE` prints one, O…");
         return None;
     }
     Some(text.to_owned())

@@ -3,10 +3,11 @@
 use super::list::file;
 use super::range::{Range, toml_string};
 use super::reader::{Absent, Table, key};
+use super::settings::alert::{AlertSettings, SinkSettings};
 use super::settings::forward::NatsSettings;
 use super::settings::http::HttpSettings;
 use super::settings::hub::{PostgresSettings, SiteSettings, Storage};
-use super::{ConfigError, forward, http, parse_tables, read_text};
+use super::{ConfigError, forward, http, parse_tables, read_text, sink};
 use std::path::{Path, PathBuf};
 
 const HOUR_S: f64 = 3600.0;
@@ -26,6 +27,12 @@ pub struct HubConfig {
     pub http: HttpSettings,
     /// Sites whose messages are taken.
     pub sites: Vec<SiteSettings>,
+    /// Destinations of what the hub has to say of itself and its sites.
+    pub sinks: Vec<SinkSettings>,
+    /// Settings of these messages.
+    pub alert: AlertSettings,
+    /// File that keeps what is told to the sinks; present with sinks.
+    pub outbox: Option<PathBuf>,
 }
 
 impl HubConfig {
@@ -113,7 +120,38 @@ impl HubConfig {
                 "at least one [[site]]: the messages of no other are taken",
             );
         }
+        let sinks = sink::read_all(root, &[]);
+        let alert = root.section(
+            "alert",
+            "How the sinks are told of the hub and its sites.",
+            |table| sink::heartbeat::read(table, sinks.as_deref()),
+        );
+        let outbox = root.optional_section(
+            "outbox",
+            "What is told to the sinks; needed beside [[sink]].",
+            |table| {
+                table.take(
+                    key("path", "a file of the hub's own; relative to the working folder"),
+                    "1 to 255 bytes of text",
+                    Absent::Required,
+                    |value| value.name_string().map(PathBuf::from),
+                    |path| toml_string(&path.display().to_string()),
+                )
+            },
+        );
+        if outbox.is_none() && sinks.as_ref().is_some_and(|sinks| !sinks.is_empty()) {
+            root.absence_of(
+                "outbox",
+                "[outbox] with the path of a file for what is told to the sinks",
+            );
+        }
         Some(Self {
+            sinks: sinks?,
+            alert,
+            outbox: match outbox {
+                Some(outbox) => Some(outbox?),
+                None => None,
+            },
             nats: nats?,
             monitor,
             is_creating,
@@ -228,7 +266,16 @@ fn site(table: &mut Table<'_>) -> Option<SiteSettings> {
             Range::within(0.001, 8760.0),
             1.0,
         );
+    let command_key = file(
+        table,
+        key(
+            "command_key",
+            "file with the seed that signs commands to this site (`hub key --commands`), readable by its owner alone",
+        ),
+        "no command can be given to it",
+    );
     Some(SiteSettings {
+        command_key,
         name: name?,
         link,
         silent_s,

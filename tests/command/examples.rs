@@ -14,7 +14,7 @@ use std::thread;
 use std::time::Instant;
 
 /// Examples that are parsed but not run, by a part of their text, with the reason.
-const NOT_RUN: [(&str, &str); 4] = [
+const NOT_RUN: [(&str, &str); 5] = [
     (
         "tirante alarm prove",
         "years of simulated sites, minutes to an hour each: tests/command/cli.rs runs a small one",
@@ -26,6 +26,10 @@ const NOT_RUN: [(&str, &str); 4] = [
     (
         "tirante plan",
         "minutes of processor time: tests/analysis/rod_tests.rs plans",
+    ),
+    (
+        "tirante hub command todi",
+        "the key of one site and an alarm of its store: tests/process/hub/commands.rs",
     ),
     (
         "--current 6f0e2a91c4d7b358",

@@ -1,5 +1,6 @@
 //! `tirante hub`: the centre of many sites.
 
+mod command;
 mod compare;
 mod key;
 mod parked;
@@ -46,6 +47,7 @@ pub struct Args {
 #[allow(missing_docs, reason = "clap would show it instead of the long help")]
 pub enum Action {
     Sites(sites::Args),
+    Command(command::Args),
     Compare(compare::Args),
     Parked(parked::Args),
     Rebuild(rebuild::Args),
@@ -67,6 +69,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     match &args.action {
         None => serve::run(config()?),
         Some(Action::Sites(sites)) => sites::run(sites, &config()?),
+        Some(Action::Command(command)) => command::run(command, &config()?),
         Some(Action::Compare(compare)) => compare::run(compare, &config()?),
         Some(Action::Parked(parked)) => parked::run(parked, &config()?),
         Some(Action::Rebuild(_)) => rebuild::run(&config()?),

@@ -4,6 +4,7 @@ use crate::config::HubConfig;
 use crate::service::http::{self, Access};
 use crate::service::hub::Hub;
 use crate::service::hub::page::Page;
+use crate::service::hub::watch::Watch;
 use crate::service::telemetry::Health;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -59,8 +60,11 @@ pub fn run(config: HubConfig) -> anyhow::Result<ExitCode> {
             }
         });
     }
+    runtime.spawn(hub.heard().listen(Arc::new(config.clone()), Arc::clone(&health)));
+    let watch = Watch::start(&config, &health, hub.beat())?;
     tell!("ready: {} sites on the list", config.sites.len());
     hub.run();
+    drop(watch);
     runtime.shutdown_background();
     Ok(ExitCode::SUCCESS)
 }

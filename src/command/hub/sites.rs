@@ -53,6 +53,9 @@ pub fn run(args: &Args, config: &HubConfig) -> anyhow::Result<ExitCode> {
         if let Some(detail) = &row.detail {
             tell!("{}: {} messages parked: {detail}", row.site, row.parked);
         }
+        for said in row.sentences() {
+            tell!("{}: {said}", row.site);
+        }
     }
     crate::command::print(text.as_bytes())
 }

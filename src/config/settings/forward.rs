@@ -1,6 +1,7 @@
 //! Connection to the post between sites and centre, and what a site sends there.
 
 use super::credential::CredentialPath;
+use std::time::Duration;
 
 /// Longest name of a site, which is a word of its subjects \[bytes\].
 pub const LONGEST_SITE: usize = 64;
@@ -35,6 +36,10 @@ pub struct ForwardSettings {
     pub nats: NatsSettings,
     /// Name of the site at the centre.
     pub site: String,
+    /// Interval between heartbeats.
+    pub heartbeat: Duration,
+    /// Public key of those whose commands are carried out; none are without.
+    pub command_key: Option<String>,
 }
 
 /// Name of the hub at the server, which no site may have: it hears what the hub hears.

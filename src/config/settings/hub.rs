@@ -32,4 +32,6 @@ pub struct SiteSettings {
     pub link: Option<String>,
     /// Time without a message or sign of life after which it counts as silent \[s\].
     pub silent_s: f64,
+    /// File with the seed that signs commands to it.
+    pub command_key: Option<CredentialPath>,
 }

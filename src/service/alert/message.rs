@@ -5,6 +5,7 @@ use crate::analysis::track::AlarmEvent;
 use crate::analysis::track::alarm::change::Change;
 use crate::analysis::track::alarm::{self, Alarm};
 use crate::analysis::track::relative::Interval;
+use crate::service::telemetry::Fault;
 use crate::site::store::{ConditionEvent, News};
 use serde::Serialize;
 use std::fmt::Write;
@@ -220,8 +221,22 @@ impl Message {
         match self.what {
             What::Test => format!("{}: test of an alarm sink", self.site),
             What::Alive | What::Ended => format!("{}: {}", self.site, self.message),
+            // The outcome of a command, which stands for itself.
+            What::Cleared if self.alarm.starts_with("command-") => {
+                let about = self.about.as_deref().unwrap_or_default();
+                format!("{}, command of the centre: {about}", self.site)
+            }
+            What::Cleared if self.kind == Fault::Silent.code() => {
+                let about = self.about.as_deref().unwrap_or_default();
+                format!("{about}: {} is over ({})", self.kind, self.site)
+            }
             What::Cleared if self.is_of_daemon() => {
                 format!("{}, monitoring: {} is over", self.site, self.kind)
+            }
+            // Of a centre, whose subjects are sites.
+            _ if self.kind == Fault::Silent.code() => {
+                let about = self.about.as_deref().unwrap_or_default();
+                format!("{about}: {} ({})", self.kind, self.site)
             }
             _ if self.is_of_daemon() => format!("{}, monitoring: {}", self.site, self.kind),
             What::Standing => format!("{}, rod {}: {} stands", self.site, self.rod, self.kind),

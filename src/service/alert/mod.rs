@@ -6,6 +6,7 @@
 
 mod alertmanager;
 pub mod backoff;
+mod conditions;
 mod courier;
 mod couriers;
 mod digest;
@@ -21,6 +22,7 @@ mod signal;
 mod webhook;
 
 pub use backoff::{Backoff, Pace};
+pub use conditions::Conditions;
 pub use couriers::Couriers;
 pub use marks::Delivered;
 pub use message::{Message, What};

@@ -3,7 +3,6 @@
 //! docs/daemon.md shows the way of a record through it. [`run`] is its life cycle: prepare, open, run,
 //! reload, drain.
 
-mod conditions;
 pub mod core;
 mod folder;
 mod guard;

@@ -11,7 +11,7 @@ use super::{LifecycleEvent, Options, restart};
 use crate::config::Config;
 use crate::recording::part;
 use crate::service::alert::Couriers;
-use crate::service::forward::{Forwarder, SINK};
+use crate::service::forward::{self, Forwarder, SINK};
 use crate::service::telemetry::{Fault, Telemetry};
 use crate::site::clock;
 use crate::site::driver::Job;
@@ -51,6 +51,7 @@ struct Forward {
     running: Arc<Mutex<Option<Forwarder>>>,
     jobs: SyncSender<Job>,
     store: PathBuf,
+    config: PathBuf,
     telemetry: Telemetry,
 }
 
@@ -64,7 +65,9 @@ impl Forward {
         }
         *running = None;
         let Some(settings) = settings else {
-            self.telemetry.health.over(Fault::Forward, SINK);
+            for about in forward::ABOUTS {
+                self.telemetry.health.over(Fault::Forward, about);
+            }
             self.telemetry.metrics.forget_sink(SINK);
             return;
         };
@@ -74,7 +77,13 @@ impl Forward {
             let sink = SINK.to_owned();
             let _ = jobs.try_send(Job::Delivered { sink, through });
         });
-        match Forwarder::start(settings, self.store.clone(), noted, self.telemetry.clone()) {
+        match Forwarder::start(
+            settings,
+            self.store.clone(),
+            &self.config,
+            noted,
+            self.telemetry.clone(),
+        ) {
             Ok(forwarder) => *running = Some(forwarder),
             Err(error) => {
                 let detail = format!("forward: no thread for it: {error}");
@@ -141,6 +150,7 @@ impl Running {
             running: Arc::default(),
             jobs: jobs.clone(),
             store,
+            config: options.config.clone(),
             telemetry: telemetry.clone(),
         };
         let workers = Workers::new(

@@ -1,10 +1,10 @@
 //! The watch over the daemon itself: its conditions, its clock, topics that belong to no rod.
 
-use super::conditions::Conditions;
 use super::misnamed::Misnamed;
 use super::wall_clock::{Began, WallClock};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::config::Config;
+use crate::service::alert::Conditions;
 use crate::service::telemetry::{Fault, Health};
 use crate::site::clock;
 use crate::site::store::{ConditionEvent, Reader, StoreError, Stretch};

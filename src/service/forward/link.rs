@@ -24,7 +24,7 @@ pub enum LinkError {
     #[error(transparent)]
     Credential(#[from] CredentialError),
     /// The file holds neither a seed nor a JWT.
-    #[error("{0} holds neither an NKEY seed nor the content of a .creds file")]
+    #[error("{0} holds neither the NKEY seed of a user nor the content of a .creds file")]
     NoCredential(String),
     /// The server cannot be reached, or refuses.
     #[error("{url}: {reason}")]
@@ -102,7 +102,11 @@ impl Link {
             options = if text.contains("NATS USER JWT") {
                 options.credentials(&text).map_err(|_| no_credential())?
             } else {
-                nkeys::KeyPair::from_seed(text.trim()).map_err(|_| no_credential())?;
+                let pair = nkeys::KeyPair::from_seed(text.trim()).map_err(|_| no_credential())?;
+                // A login signs what the server says: a key of commands must never be one.
+                if pair.key_pair_type() != nkeys::KeyPairType::User {
+                    return Err(no_credential());
+                }
                 options.nkey(text.trim().to_owned())
             };
         }

@@ -3,8 +3,11 @@
 //! The end of the site's subject is the position: whatever was lost on the way, the next message follows the last one there. A
 //! broker that is dead, hangs or refuses delays nothing but itself. docs/hub.md describes post and centre.
 
+pub mod beat;
+pub mod command;
 pub mod link;
 pub mod message;
+mod obey;
 mod session;
 
 pub use session::{Session, SessionError};
@@ -15,8 +18,9 @@ use crate::service::alert::{Backoff, Pace};
 use crate::service::telemetry::metrics::Delivery;
 use crate::service::telemetry::{Fault, Telemetry};
 use crate::site::store::Reader;
+use obey::Obedience;
 use std::future::Future;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant};
@@ -25,6 +29,14 @@ use tokio::sync::{Notify, watch};
 
 /// Id of this sink, in conditions, metrics and the store. The slash keeps it apart from every `[[sink]]`, whose ids have none.
 pub const SINK: &str = "copy/forward";
+/// Subject of the condition of heartbeats that are not taken.
+const BEAT: &str = "copy/heartbeat";
+/// Subject of the condition of commands that cannot be asked for.
+const COMMANDS: &str = "copy/commands";
+/// Subjects of this sink's conditions.
+pub const ABOUTS: [&str; 3] = [SINK, BEAT, COMMANDS];
+/// Wait after a heartbeat that was not taken.
+const BEAT_AGAIN: Duration = Duration::from_secs(10);
 /// Name of its thread.
 const THREAD: &str = "forward";
 
@@ -61,13 +73,19 @@ impl Forwarder {
     pub fn start(
         settings: &ForwardSettings,
         store: PathBuf,
+        config: &Path,
         noted: Noted,
         telemetry: Telemetry,
     ) -> io::Result<Self> {
         let (wake, (stop, stopped)) = (Arc::<Notify>::default(), watch::channel(false));
         let (ending, ended) = sync_channel(0);
         let seed = random::seed(&[SINK.as_bytes(), settings.site.as_bytes()]);
+        let obedience = settings
+            .command_key
+            .as_ref()
+            .map(|key| Obedience::new(key, &settings.site, &store, config));
         let worker = Worker {
+            obedience,
             settings: settings.clone(),
             store,
             noted,
@@ -77,6 +95,7 @@ impl Forwarder {
             wake: Arc::clone(&wake),
             stopped,
             has_led: false,
+            beat_due: Instant::now(),
         };
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
@@ -122,6 +141,10 @@ struct Worker {
     stopped: watch::Receiver<bool>,
     /// True after this process has sent a message.
     has_led: bool,
+    /// Time at which the next heartbeat is due.
+    beat_due: Instant,
+    /// The centre's commands, if any are carried out.
+    obedience: Option<Obedience>,
 }
 
 impl Worker {
@@ -150,6 +173,7 @@ impl Worker {
         let settings = self.settings.clone();
         let mut session = Session::open(&settings, &reader, self.has_led).await?;
         loop {
+            self.beat(&session, &reader).await?;
             let latest = reader.latest_change()?;
             let waiting = latest - session.end().through;
             self.telemetry
@@ -165,13 +189,47 @@ impl Worker {
                     self.worked(session.end().through, true);
                     let wake = async {
                         // A notification or the interval: both lead to the next look.
-                        let _ = tokio::time::timeout(LOOK, self.wake.notified()).await;
+                        let longest = LOOK.min(settings.heartbeat);
+                        let _ = tokio::time::timeout(longest, self.wake.notified()).await;
                         Ok::<_, SessionError>(())
                     };
                     session.link().unless_lost(wake).await?;
                 }
             }
         }
+    }
+
+    /// Sends a heartbeat if one is due. One that the post does not take ends no connection.
+    async fn beat(&mut self, session: &Session<'_>, reader: &Reader) -> Result<(), SessionError> {
+        if Instant::now() < self.beat_due {
+            return Ok(());
+        }
+        let (health, every) = (&self.telemetry.health, self.settings.heartbeat);
+        if let Some(obedience) = &mut self.obedience {
+            obedience.look(health);
+            match session.commands(obedience, reader, health).await {
+                Ok(()) => health.over(Fault::Forward, COMMANDS),
+                Err(SessionError::Link(error)) => {
+                    let detail = format!("forward: commands of the centre cannot be asked for: {error}");
+                    health.hold(Fault::Forward, COMMANDS, detail);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        let refused = self.obedience.as_ref().map(Obedience::refused);
+        match session.beat(reader, health, refused).await {
+            Ok(()) => {
+                self.beat_due = Instant::now() + every;
+                health.over(Fault::Forward, BEAT);
+            }
+            Err(SessionError::Link(error)) => {
+                self.beat_due = Instant::now() + every.min(BEAT_AGAIN);
+                let detail = format!("forward: the post does not take heartbeats: {error}");
+                health.hold(Fault::Forward, BEAT, detail);
+            }
+            Err(error) => return Err(error),
+        }
+        Ok(())
     }
 
     /// Ends the condition, and notes the position now and then.

@@ -1,14 +1,22 @@
 //! One connection's work: finds where the subject ends, and continues it commit by commit, one message in flight.
 
+use super::beat::{self, Heartbeat};
+use super::command;
 use super::link::{ANSWER, Link, LinkError};
 use super::message::{self, Label, MessageError, OUT, STREAM};
+use super::obey::Obedience;
 use crate::config::settings::forward::ForwardSettings;
+use crate::service::telemetry::Health;
 use crate::site::store::{Change, FORMAT, Reader, StoreError};
 use async_nats::HeaderValue;
 use async_nats::jetstream::context::PublishErrorKind;
 use async_nats::jetstream::message::{PublishMessage, StreamMessage};
 use async_nats::jetstream::stream::DirectGetErrorKind;
+use std::collections::BTreeMap;
+use std::time::Duration;
 
+/// Longest time for the post to take a heartbeat or to answer for commands; results wait meanwhile.
+const BEAT: Duration = Duration::from_secs(2);
 /// Most commits in a message.
 const MOST: usize = 200;
 /// Room for headers in a message \[bytes\].
@@ -130,7 +138,7 @@ impl<'a> Session<'a> {
 
     /// Reads the last message of the subject and continues after it.
     async fn find_end(&mut self, reader: &Reader, has_led: bool) -> Result<(), SessionError> {
-        let Some(last) = self.last_message().await? else {
+        let Some(last) = self.last_of(STREAM, &self.subject, ANSWER).await? else {
             self.end = End {
                 sequence: 0,
                 through: 0,
@@ -174,14 +182,20 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    async fn last_message(&self) -> Result<Option<StreamMessage>, SessionError> {
-        let what = format!("the last message of {}", self.subject);
-        let stream = self.link.jetstream.get_stream_no_info(STREAM).await;
+    /// The last message of a subject.
+    async fn last_of(
+        &self,
+        stream: &str,
+        subject: &str,
+        longest: Duration,
+    ) -> Result<Option<StreamMessage>, SessionError> {
+        let what = format!("the last message of {subject}");
+        let stream = self.link.jetstream.get_stream_no_info(stream).await;
         let stream = stream.map_err(|error| self.link.failed(&what, &error))?;
         let ask = async {
             // A request that may not be asked is never answered.
-            let asked = stream.direct_get_last_for_subject(self.subject.as_str());
-            match tokio::time::timeout(ANSWER, asked).await {
+            let asked = stream.direct_get_last_for_subject(subject);
+            match tokio::time::timeout(longest, asked).await {
                 Ok(Ok(message)) => Ok(Some(message)),
                 Ok(Err(error)) if error.kind() == DirectGetErrorKind::NotFound => Ok(None),
                 Ok(Err(error)) => Err(self.link.failed(&what, &error).into()),
@@ -245,6 +259,53 @@ impl<'a> Session<'a> {
             Err(error) => return Err(self.link.failed(&what, &error).into()),
         }
         Ok(Some(self.end.through))
+    }
+
+    /// Asks for the centre's open commands, and carries out what is new.
+    ///
+    /// # Errors
+    /// The post does not answer, or the store cannot be read or written.
+    pub async fn commands(
+        &self,
+        obedience: &mut Obedience,
+        reader: &Reader,
+        health: &Health,
+    ) -> Result<(), SessionError> {
+        let subject = format!("{}.{}", command::SUBJECT, self.settings.site);
+        let last = self.last_of(command::STREAM, &subject, BEAT).await?;
+        if let Some(last) = last.filter(|last| obedience.is_new(last.sequence)) {
+            let message = (last.sequence, &last.payload[..]);
+            obedience.take(message, &self.epoch, reader, health)?;
+        }
+        Ok(())
+    }
+
+    /// Says that the site lives, and how it stands.
+    ///
+    /// # Errors
+    /// The post does not take it, or the store cannot be read.
+    pub async fn beat(
+        &self,
+        reader: &Reader,
+        health: &Health,
+        refused: Option<&BTreeMap<String, u64>>,
+    ) -> Result<(), SessionError> {
+        let mut beat = Heartbeat::of(reader, &self.epoch, health)?;
+        beat.refused = refused.cloned().unwrap_or_default();
+        let payload = serde_json::to_vec(&beat).map_err(|error| MessageError::Content(error.to_string()))?;
+        let subject = format!("{}.{}", beat::SUBJECT, self.settings.site);
+        let send = async {
+            let sent = self.link.jetstream.publish(subject.clone(), payload.into()).await;
+            match sent {
+                Ok(sent) => sent.await.map(|_| ()),
+                Err(error) => Err(error),
+            }
+        };
+        match tokio::time::timeout(BEAT, send).await {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(error)) => Err(self.link.failed(&subject, &error).into()),
+            Err(elapsed) => Err(self.link.failed(&subject, &elapsed).into()),
+        }
     }
 
     /// As many of the commits as fit into a message, and its content; `None` without commits.

@@ -1,6 +1,7 @@
 //! The centre's database: what it knows of each site, and a batch of messages written as one transaction.
 
 use super::batch::Batch;
+use super::beats::Heard;
 use super::park::write_parked;
 use super::sql::{Sql, SqlError, integer, text};
 use super::tables::{self, Copied, NO_MONTH, Partitions};
@@ -311,7 +312,42 @@ impl Centre {
         Ok(())
     }
 
-    /// Empties every table, to fold the stream from its beginning.
+    /// Keeps heartbeats, each in the place of the one before.
+    ///
+    /// # Errors
+    /// The database refuses; nothing was written.
+    pub fn keep_beats(&mut self, beats: &BTreeMap<String, Heard>) -> Result<(), CentreError> {
+        self.sql.batch("BEGIN")?;
+        let sql = &mut *self.sql;
+        let written = beats
+            .iter()
+            .try_for_each(|(site, heard)| write_beat(sql, site, heard))
+            .and_then(|()| sql.batch("COMMIT"));
+        if let Err(error) = written {
+            let _ = self.sql.batch("ROLLBACK");
+            return Err(error.into());
+        }
+        Ok(())
+    }
+
+    /// Latest heartbeat of each site.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn beats(&mut self) -> Result<BTreeMap<String, Heard>, CentreError> {
+        let rows = self
+            .sql
+            .query("SELECT \"site\", \"heard_ns\", \"json\" FROM \"beat\"", &[])?;
+        let heard = |row: &Vec<Value>| {
+            // Written by a program of another version: the next heartbeat takes its place.
+            let beat = serde_json::from_str(&text(row.get(2))).ok()?;
+            let heard_ns = integer(row.get(1));
+            Some((text(row.first()), Heard { heard_ns, beat }))
+        };
+        Ok(rows.iter().filter_map(heard).collect())
+    }
+
+    /// Empties every table but the commands, to fold the stream from its beginning.
     ///
     /// # Errors
     /// The database refuses.
@@ -323,12 +359,32 @@ impl Centre {
         };
         let mut all = String::from("BEGIN;");
         for name in tables::names(&self.copied) {
-            if name != "centre" {
+            if !["centre", "command"].contains(&name) {
                 all += &format!("{empty} \"{name}\";");
             }
         }
         Ok(self.sql.batch(&(all + "COMMIT;"))?)
     }
+}
+
+fn write_beat(sql: &mut dyn Sql, site: &str, heard: &Heard) -> Result<(), SqlError> {
+    let beat = &heard.beat;
+    let json = serde_json::to_string(beat).map_err(|error| SqlError::Refused(error.to_string()))?;
+    sql.execute(
+        "INSERT INTO \"beat\" (\"site\", \"heard_ns\", \"clock_ns\", \"through\", \"state\", \"json\")
+         VALUES ($1, $2, $3, $4, $5, $6)
+         ON CONFLICT (\"site\") DO UPDATE SET \"heard_ns\" = excluded.\"heard_ns\", \"clock_ns\" = excluded.\"clock_ns\",
+            \"through\" = excluded.\"through\", \"state\" = excluded.\"state\", \"json\" = excluded.\"json\"",
+        &[
+            Value::Text(site.to_owned()),
+            Value::Integer(heard.heard_ns),
+            Value::Integer(beat.time_ns),
+            Value::Integer(beat.through),
+            Value::Text(beat.state.clone()),
+            Value::Text(json),
+        ],
+    )?;
+    Ok(())
 }
 
 fn write_site(sql: &mut dyn Sql, site: &str, state: SiteState) -> Result<(), SqlError> {

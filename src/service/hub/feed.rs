@@ -214,31 +214,39 @@ impl Feed {
     }
 
     async fn ask(&self, question: &serde_json::Value) -> Result<Option<Incoming>, LinkError> {
-        let failed = |error: &dyn std::error::Error| {
-            self.link
-                .failed(&format!("reading the stream {STREAM} ({question})"), error)
-        };
-        let ask = async {
-            let subject = format!("$JS.API.STREAM.MSG.GET.{STREAM}");
-            let asked = self.link.client.request(subject, question.to_string().into());
-            asked.await.map_err(|error| failed(&error))
-        };
-        let answer = self.link.unless_lost(ask).await?;
-        let answer: Answer = serde_json::from_slice(&answer.payload).map_err(|error| failed(&error))?;
-        match answer {
-            Answer {
-                message: Some(message),
-                ..
-            } => message.read().map(Some).map_err(LinkError::Failed),
-            Answer {
-                error: Some(error), ..
-            } if error.err_code == NO_MESSAGE => Ok(None),
-            Answer { error, .. } => {
-                let said = error.map_or_else(String::new, |error| error.description);
-                Err(LinkError::Failed(format!(
-                    "reading the stream {STREAM} ({question}): {said}"
-                )))
-            }
+        ask(&self.link, STREAM, question).await
+    }
+}
+
+/// The message of a stream that a question names; `None` if there is none.
+///
+/// # Errors
+/// The server does not answer.
+pub async fn ask(
+    link: &Link,
+    stream: &str,
+    question: &serde_json::Value,
+) -> Result<Option<Incoming>, LinkError> {
+    let what = format!("reading the stream {stream} ({question})");
+    let failed = |error: &dyn std::error::Error| link.failed(&what, error);
+    let ask = async {
+        let subject = format!("$JS.API.STREAM.MSG.GET.{stream}");
+        let asked = link.client.request(subject, question.to_string().into());
+        asked.await.map_err(|error| failed(&error))
+    };
+    let answer = link.unless_lost(ask).await?;
+    let answer: Answer = serde_json::from_slice(&answer.payload).map_err(|error| failed(&error))?;
+    match answer {
+        Answer {
+            message: Some(message),
+            ..
+        } => message.read().map(Some).map_err(LinkError::Failed),
+        Answer {
+            error: Some(error), ..
+        } if error.err_code == NO_MESSAGE => Ok(None),
+        Answer { error, .. } => {
+            let said = error.map_or_else(String::new, |error| error.description);
+            Err(LinkError::Failed(format!("{what}: {said}")))
         }
     }
 }

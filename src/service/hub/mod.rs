@@ -4,7 +4,9 @@
 //! A message that cannot be folded is parked with its reason; its site is marked, the others go on. docs/hub.md describes it for operators.
 
 pub mod batch;
+pub mod beats;
 pub mod centre;
+pub mod commands;
 pub mod feed;
 pub mod fold;
 pub mod incoming;
@@ -12,11 +14,13 @@ pub mod page;
 pub mod park;
 mod postgres;
 mod rebuild;
+mod silence;
 pub mod sites;
 pub mod sql;
 mod sqlite;
 pub mod tables;
 mod text;
+pub mod watch;
 mod work;
 
 use crate::config::HubConfig;
@@ -24,6 +28,7 @@ use crate::config::settings::hub::Storage;
 use crate::service::alert::{Backoff, Pace};
 use crate::service::forward::link::LinkError;
 use crate::service::telemetry::{Beat, Fault, Health};
+use beats::Beats;
 use centre::{Centre, CentreError};
 use feed::Feed;
 use std::collections::BTreeSet;
@@ -79,6 +84,7 @@ pub struct Hub<'a> {
     health: Arc<Health>,
     stopping: Arc<AtomicBool>,
     beat: Arc<Beat>,
+    heard: Beats,
 }
 
 impl<'a> Hub<'a> {
@@ -95,12 +101,18 @@ impl<'a> Hub<'a> {
             health,
             stopping,
             beat: Arc::default(),
+            heard: Beats::default(),
         }
     }
 
     /// Sign of life of the folding.
     pub fn beat(&self) -> Arc<Beat> {
         Arc::clone(&self.beat)
+    }
+
+    /// Heartbeats of the sites, to be listened for.
+    pub fn heard(&self) -> Beats {
+        self.heard.clone()
     }
 
     fn is_stopping(&self) -> bool {

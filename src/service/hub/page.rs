@@ -175,8 +175,32 @@ async fn metrics(State(page): State<Page>) -> Response {
     );
     family(
         "tirante_site_heard_age_seconds",
-        "Time since the latest message.",
+        "Time since the latest message or heartbeat.",
         &|row| row.silent_s,
+    );
+    family(
+        "tirante_site_silent",
+        "1 if nothing is heard for longer than the site's limit.",
+        &|row| Some(f64::from(u8::from(row.silent_since.is_some()))),
+    );
+    family(
+        "tirante_site_clock_off_seconds",
+        "Lead of the site's clock over the post's; 0 within a minute.",
+        &|row| row.beat.as_ref().map(|_| row.clock_off_s.unwrap_or(0.0)),
+    );
+    family(
+        "tirante_site_stopped",
+        "1 if nothing is measured or stored at the site.",
+        &|row| {
+            row.beat
+                .as_ref()
+                .map(|_| f64::from(u8::from(row.stopped_since.is_some())))
+        },
+    );
+    family(
+        "tirante_site_behind_commits",
+        "Commits of the site that have not come yet, by its latest heartbeat.",
+        &|row| row.behind.map(|behind| behind as f64),
     );
     family(
         "tirante_site_commits",
@@ -255,6 +279,11 @@ fn html(rows: &[SiteRow]) -> String {
             .detail
             .as_ref()
             .map(|detail| format!("<small>{}</small>", escaped(detail)));
+        let said: String = row
+            .sentences()
+            .iter()
+            .map(|said| format!("<small>{}</small>", escaped(said)))
+            .collect();
         let history = match row.stores {
             0 => "–".to_owned(),
             1 => "one store".to_owned(),
@@ -263,7 +292,7 @@ fn html(rows: &[SiteRow]) -> String {
         let _ = write!(
             out,
             "<tr><th scope=row>{name}<td data-name=worst><span class=\"w {code}\">{code}</span>{}<td data-name=rods>{}\
-             <td class=n data-name=alarms>{}<td data-name=\"latest record\">{}<td data-name=heard>{}<td data-name=history>{history}</tr>",
+             <td class=n data-name=alarms>{}<td data-name=\"latest record\">{}<td data-name=heard>{}{said}<td data-name=history>{history}</tr>",
             detail.unwrap_or_default(),
             rods.join(", "),
             row.alarms,

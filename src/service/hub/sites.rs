@@ -1,8 +1,11 @@
 //! List of all sites, worst first.
 
+use super::beats::Heard;
 use super::centre::{Centre, CentreError};
+use super::silence::{CLOCK_OFF_S, heard_ns};
 use super::sql::{integer, text};
 use crate::config::settings::hub::SiteSettings;
+use crate::service::forward::beat::Lasting;
 use rusqlite::types::Value;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -55,10 +58,28 @@ pub struct SiteRow {
     pub alarms: i64,
     /// Begin of the latest record, UTC.
     pub latest_record: Option<String>,
-    /// Time of the latest message, UTC.
+    /// Time of the latest message or heartbeat, UTC.
     pub heard: Option<String>,
-    /// Time since the latest message \[s\].
+    /// Time since the latest message or heartbeat \[s\].
     pub silent_s: Option<f64>,
+    /// Time since which nothing is heard of it, UTC, once that is longer than its limit.
+    pub silent_since: Option<String>,
+    /// Time of the latest heartbeat, UTC.
+    pub beat: Option<String>,
+    /// Lead of its clock over the post's, where that is more than a minute \[s\].
+    pub clock_off_s: Option<f64>,
+    /// Version of its program.
+    pub version: Option<String>,
+    /// State of its daemon in one word.
+    pub state: Option<String>,
+    /// Time since which nothing is measured or stored there, UTC.
+    pub stopped_since: Option<String>,
+    /// Conditions of its daemon.
+    pub conditions: Vec<Lasting>,
+    /// Number of commands that were not carried out since its daemon's start, by reason.
+    pub refused: BTreeMap<String, u64>,
+    /// Number of commits of the present store that have not come yet.
+    pub behind: Option<i64>,
     /// Last commit folded.
     pub through: i64,
     /// Id of the store that sends.
@@ -78,7 +99,7 @@ pub struct SiteRow {
 }
 
 /// Time as text, to the second.
-fn moment(ns: i64) -> Option<String> {
+pub(super) fn moment(ns: i64) -> Option<String> {
     let time = jiff::Timestamp::from_nanosecond(i128::from(ns)).ok()?;
     let time = time.round(jiff::Unit::Second).ok()?;
     (ns > 0).then(|| time.to_string())
@@ -90,6 +111,7 @@ fn moment(ns: i64) -> Option<String> {
 /// The database refuses.
 pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result<Vec<SiteRow>, CentreError> {
     let known = centre.sites()?;
+    let beats = centre.beats()?;
     let current = "\"store\" = (SELECT p.\"store\" FROM \"present\" AS p WHERE p.\"site\" = t.\"site\")";
     let mut rods = BTreeMap::<String, BTreeMap<String, i64>>::new();
     let counted = centre.sql().query(
@@ -124,7 +146,14 @@ pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result
         let state = known.get(&name).cloned().unwrap_or_default();
         let history = state.history();
         let rods = rods.remove(&name).unwrap_or_default();
-        let silent_s = (state.heard_ns > 0).then(|| (now_ns - state.heard_ns) as f64 * 1e-9);
+        let heard = beats.get(&name);
+        let heard_ns = heard_ns(Some(&state), heard);
+        let silent_s = (heard_ns > 0).then(|| now_ns.saturating_sub(heard_ns) as f64 * 1e-9);
+        let clock_off_s = heard.map(Heard::clock_off_s);
+        // What a replaced store said of itself is no news of the present one.
+        let of_present =
+            heard.filter(|heard| history.is_none_or(|history| history.epoch == heard.beat.epoch));
+        let stopped_since = heard.and_then(|heard| heard.beat.stopped_since);
         let alarms = integer(alarms.get(&name));
         let parked = integer(parked.get(&name));
         let is_silent = settings.is_some_and(|site| silent_s.is_some_and(|silent| silent > site.silent_s));
@@ -135,7 +164,7 @@ pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result
             Worst::Parked
         } else if is_silent {
             Worst::Silent
-        } else if has("not-monitoring") {
+        } else if has("not-monitoring") || stopped_since.is_some() {
             Worst::NotMonitoring
         } else if history.is_none() {
             Worst::Unheard
@@ -150,8 +179,20 @@ pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result
             rods,
             alarms,
             latest_record: history.and_then(|history| moment(history.latest_ns)),
-            heard: moment(state.heard_ns),
+            heard: moment(heard_ns),
             silent_s,
+            silent_since: moment(heard_ns).filter(|_| is_silent),
+            beat: heard.and_then(|heard| moment(heard.heard_ns)),
+            clock_off_s: clock_off_s.filter(|off_s| off_s.abs() > CLOCK_OFF_S),
+            version: heard.map(|heard| heard.beat.version.clone()),
+            state: heard.map(|heard| heard.beat.state.clone()),
+            stopped_since: stopped_since.map(|since| since.to_string()),
+            conditions: heard.map_or_else(Vec::new, |heard| heard.beat.conditions.clone()),
+            refused: heard.map_or_else(BTreeMap::new, |heard| heard.beat.refused.clone()),
+            behind: of_present.map(|heard| {
+                let through = history.map_or(0, |history| history.through);
+                heard.beat.through.saturating_sub(through).max(0)
+            }),
             through: history.map_or(0, |history| history.through),
             epoch: history.map(|history| history.epoch.clone()),
             stores: state.histories.len(),
@@ -170,4 +211,23 @@ pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result
             .then_with(|| one.site.cmp(&other.site))
     });
     Ok(rows)
+}
+
+impl SiteRow {
+    /// What its heartbeats, or their silence, tell beside the worst, in sentences.
+    pub fn sentences(&self) -> Vec<String> {
+        let mut said = Vec::new();
+        if let Some(since) = &self.silent_since {
+            said.push(format!("silent since {since}"));
+        }
+        if let Some(since) = &self.stopped_since {
+            said.push(format!("monitoring stopped since {since}"));
+        }
+        if let Some(off_s) = self.clock_off_s {
+            said.push(format!("its clock is off by {off_s:+.0} s"));
+        }
+        let lasting = self.conditions.iter();
+        said.extend(lasting.map(|one| format!("{} since {}: {}", one.kind, one.since, one.detail)));
+        said
+    }
 }

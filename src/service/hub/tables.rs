@@ -146,7 +146,7 @@ pub fn quoted(names: &[&str]) -> String {
 }
 
 /// The centre's own tables.
-const OWN: [(&str, &str); 5] = [
+const OWN: [(&str, &str); 7] = [
     ("centre", "(\"key\" TEXT PRIMARY KEY, \"value\" TEXT NOT NULL)"),
     // The latest message of the stream that was folded.
     (
@@ -163,6 +163,18 @@ const OWN: [(&str, &str); 5] = [
     (
         "site",
         "(\"site\" TEXT PRIMARY KEY, \"heard_ns\" INT8 NOT NULL, \"fault\" TEXT NOT NULL, \"detail\" TEXT NOT NULL)",
+    ),
+    // The latest heartbeat of each site: times by the post's clock and by the site's, and what it said, as JSON.
+    (
+        "beat",
+        "(\"site\" TEXT PRIMARY KEY, \"heard_ns\" INT8 NOT NULL, \"clock_ns\" INT8 NOT NULL, \"through\" INT8 NOT NULL, \
+          \"state\" TEXT NOT NULL, \"json\" TEXT NOT NULL)",
+    ),
+    // Commands to the sites as they were signed; `condition` is the id of the notice with the site's answer.
+    (
+        "command",
+        "(\"site\" TEXT NOT NULL, \"number\" INT8 NOT NULL, \"condition\" TEXT NOT NULL, \"expires_ns\" INT8 NOT NULL, \
+          \"text\" TEXT NOT NULL, \"signature\" TEXT NOT NULL, PRIMARY KEY (\"site\", \"number\"))",
     ),
     // Messages that were not folded, with the reason.
     (

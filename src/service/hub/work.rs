@@ -2,23 +2,31 @@
 
 use super::batch::Batch;
 use super::centre::{Centre, CentreError};
+use super::commands::Published;
 use super::feed::{Feed, number};
 use super::fold::{self, Fold, Judged};
 use super::incoming::Incoming;
+use super::silence::Silence;
 use super::text::fit;
 use super::{ABOUT, Hub, HubError};
 use crate::service::alert::Backoff;
 use crate::service::telemetry::Fault;
+use crate::site::clock;
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
 /// Interval of looks at the end of the stream, which may have been set back.
 const LOOK: Duration = Duration::from_secs(5);
+/// Wait after the post did not take commands.
+const AGAIN: Duration = Duration::from_secs(30);
 /// Most earlier messages of a site that are folded at once, and their bytes.
 const PAGE: usize = 64;
 const PAGE_BYTES: usize = 8 << 20;
 /// Longest reason of a message that the database refuses \[bytes\].
 const LONGEST: usize = 500;
+
+/// Subject of the condition of commands that the post does not take.
+const COMMANDS: &str = "commands";
 
 /// Origin of messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,6 +47,10 @@ pub(super) struct Work<'h> {
     fold: Fold,
     /// Sites whose missing commits were looked for, and of which nothing was folded since.
     searched: BTreeSet<String>,
+    silence: Silence,
+    published: Published,
+    /// Time before which commands are not taken to the post again, after it refused.
+    command_again: Option<Instant>,
 }
 
 impl<'h> Work<'h> {
@@ -47,12 +59,16 @@ impl<'h> Work<'h> {
         let mut centre = super::open(&hub.config.storage)?;
         let feed = hub.runtime.block_on(Feed::open(hub.config))?;
         let (sites, overruled) = (centre.sites()?, centre.overruled()?);
+        let silence = Silence::begin(centre.beats()?, clock::now().as_nanos());
         Ok(Self {
             fold: Fold::new(hub.listed(), centre.copied().to_vec(), sites, overruled),
             hub,
             centre,
             feed,
             searched: BTreeSet::new(),
+            silence,
+            published: Published::default(),
+            command_again: None,
         })
     }
 
@@ -71,6 +87,7 @@ impl<'h> Work<'h> {
                     self.fold_next(&messages)?;
                     position = last;
                     self.tell_faults();
+                    self.hear(false)?;
                 }
                 None if until.is_some() => break,
                 None if looked.elapsed() >= LOOK => {
@@ -80,7 +97,7 @@ impl<'h> Work<'h> {
                         position = self.begin()?;
                     }
                 }
-                None => {}
+                None => self.hear(true)?,
             }
             backoff.reset();
             self.hub.health.over(Fault::Forward, ABOUT);
@@ -278,6 +295,46 @@ impl<'h> Work<'h> {
             }
             self.settle(&some, Origin::Earlier)?;
         }
+        Ok(())
+    }
+
+    /// Keeps the heartbeats that came, tells which sites are silent, and takes new commands to the post; `is_caught_up`: all messages are read.
+    fn hear(&mut self, is_caught_up: bool) -> Result<(), HubError> {
+        let now_ns = clock::now().as_nanos();
+        if !self.silence.is_due(now_ns) {
+            return Ok(());
+        }
+        let came = self.hub.heard.take();
+        if !came.is_empty() {
+            self.centre.keep_beats(&came)?;
+        }
+        self.silence.take(came, self.hub.heard.since_ns());
+        let (sites, health) = (&self.hub.config.sites, &self.hub.health);
+        self.silence
+            .tell(sites, self.fold.sites(), health, (now_ns, is_caught_up));
+        self.command(now_ns)
+    }
+
+    /// Takes new commands to the post, if any site can be commanded.
+    fn command(&mut self, now_ns: i64) -> Result<(), HubError> {
+        let config = self.hub.config;
+        let is_none = config.sites.iter().all(|site| site.command_key.is_none());
+        if is_none || self.command_again.is_some_and(|at| Instant::now() < at) {
+            return Ok(());
+        }
+        let open = self.centre.open_commands(now_ns)?;
+        let publish = self.published.publish(self.feed.link(), open, config.is_creating);
+        self.command_again = match self.hub.runtime.block_on(publish) {
+            Ok(()) => {
+                self.hub.health.over(Fault::Forward, COMMANDS);
+                None
+            }
+            Err(error) => {
+                let detail = format!("commands to the sites wait: {error}");
+                self.hub.health.hold(Fault::Forward, COMMANDS, detail);
+                Some(Instant::now() + AGAIN)
+            }
+        };
         Ok(())
     }
 

@@ -27,6 +27,10 @@ pub enum Fault {
     Sink,
     /// The centre's post cannot be reached, or refuses.
     Forward,
+    /// Nothing is heard of a site at the centre.
+    Silent,
+    /// A command of the centre was refused, or waits for a person.
+    Command,
     /// A new configuration has faults: the old one stays in force.
     Reload,
     /// A watched folder cannot be read.
@@ -53,7 +57,7 @@ pub enum Fault {
 
 impl Fault {
     /// Every kind of fault.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 25] = [
         Self::Rejected,
         Self::Recording,
         Self::Client,
@@ -66,6 +70,8 @@ impl Fault {
         Self::Write,
         Self::Sink,
         Self::Forward,
+        Self::Silent,
+        Self::Command,
         Self::Reload,
         Self::Folder,
         Self::Topic,
@@ -94,6 +100,8 @@ impl Fault {
             Self::Write => "write",
             Self::Sink => "sink",
             Self::Forward => "forward",
+            Self::Silent => "silent",
+            Self::Command => "command",
             Self::Reload => "reload",
             Self::Folder => "folder",
             Self::Topic => "topic",
@@ -123,6 +131,8 @@ impl Fault {
             Self::Write => "the store or the journal cannot be written",
             Self::Sink => "a sink cannot be reached, or refuses: alarms wait",
             Self::Forward => "the post to the centre cannot be reached, or refuses: results wait here",
+            Self::Silent => "nothing is heard of a site (`tirante hub`)",
+            Self::Command => "a command of the centre was refused, or waits for a person",
             Self::Reload => "a new configuration is bad: the old one holds",
             Self::Folder => "a watched folder cannot be read",
             Self::Topic => {

@@ -9,6 +9,7 @@
 mod backup;
 mod change;
 mod columns;
+mod command;
 mod commit;
 mod dump;
 mod error;
@@ -34,6 +35,7 @@ mod vigil;
 pub use change::{
     COPIED, Change, ChangedRow, Column, FORGOTTEN, FORMAT, Shape, ValueKind, is_intact, shapes,
 };
+pub use command::{Judged, command_id, latest_command, put_command};
 pub use commit::{Commit, NewRecord, Position, RodRow};
 pub use error::StoreError;
 pub use file_id::FileId;

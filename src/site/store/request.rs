@@ -76,12 +76,23 @@ pub(super) fn put(
     // One statement at a time may write, so the number is taken inside a transaction that may.
     let transaction =
         rusqlite::Transaction::new_unchecked(connection, rusqlite::TransactionBehavior::Immediate)?;
+    let number = append(&transaction, rod, what, asked)?;
+    transaction.commit()?;
+    Ok(number)
+}
+
+/// Appends a request in a transaction that may write; returns its number.
+pub(super) fn append(
+    transaction: &Connection,
+    rod: &RodId,
+    what: &Asked,
+    asked: Timestamp,
+) -> rusqlite::Result<i64> {
     let number: i64 =
         transaction.query_row("SELECT coalesce(max(number), 0) + 1 FROM request", (), |row| {
             row.get(0)
         })?;
-    row(number, rod, what, asked, false).insert(&transaction)?;
-    transaction.commit()?;
+    row(number, rod, what, asked, false).insert(transaction)?;
     Ok(number)
 }
 

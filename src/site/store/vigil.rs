@@ -98,7 +98,7 @@ impl Stretch {
     }
 }
 
-fn write_notice(
+pub(super) fn write_notice(
     connection: &Connection,
     notice: &ConditionEvent,
     changed: &mut Changed,

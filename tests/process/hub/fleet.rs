@@ -81,9 +81,14 @@ pub fn text_of(bytes: &[u8]) -> String {
 
 /// Draws a key into a file of the program's own; returns its public part.
 fn key(folder: &Path, name: &str) -> String {
+    drawn(&folder.join(format!("{name}.nk")), &[])
+}
+
+fn drawn(file: &Path, more: &[&str]) -> String {
     let output = Command::new(env!("CARGO_BIN_EXE_tirante"))
         .args(["hub", "key"])
-        .arg(folder.join(format!("{name}.nk")))
+        .args(more)
+        .arg(file)
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", text_of(&output.stderr));
@@ -333,6 +338,55 @@ impl Fleet {
         self.wait(word, |_| fs::read(&log).is_ok_and(is_there));
     }
 
+    /// Changes the hub's configuration.
+    pub fn reconfigure_hub(&self, change: impl Fn(String) -> String) {
+        let text = fs::read_to_string(self.config()).unwrap();
+        fs::write(self.config(), change(text)).unwrap();
+    }
+
+    /// Waits until the centre has heard a heartbeat of every site.
+    pub fn wait_until_beating(&mut self) {
+        let config = HubConfig::load(&self.config()).unwrap();
+        self.wait("every site beats", |fleet| {
+            let beats = hub::beside(&config.storage).and_then(|mut centre| centre.beats());
+            beats.is_ok_and(|beats| fleet.edges.iter().all(|edge| beats.contains_key(&edge.name)))
+        });
+    }
+
+    /// Draws a key of commands for each site, into `NAME.ck`, and names it to both ends.
+    pub fn give_keys(&self) {
+        for edge in &self.edges {
+            let name = &edge.name;
+            let file = self.path(&format!("{name}.ck"));
+            let key = drawn(&file, &["--commands"]);
+            let path = edge.site.path("site.toml");
+            let text = fs::read_to_string(&path).unwrap();
+            let own = format!("[forward]\ncommand_key = \"{key}\"\n");
+            fs::write(path, text.replace("[forward]\n", &own)).unwrap();
+            let listed = format!("[[site]]\nname = \"{name}\"\n");
+            let with_key = format!("{listed}command_key = \"{}\"\n", file.display());
+            self.reconfigure_hub(|text| text.replace(&listed, &with_key));
+        }
+    }
+
+    /// Number of messages in a stream, by the server's monitoring.
+    pub fn messages_of(&self, stream: &str) -> u64 {
+        let mut socket = TcpStream::connect(("127.0.0.1", self.nats.monitor)).unwrap();
+        socket.set_read_timeout(Some(DEADLINE)).unwrap();
+        write!(
+            socket,
+            "GET /jsz?streams=true HTTP/1.0\r\nHost: localhost\r\n\r\n"
+        )
+        .unwrap();
+        let mut answer = String::new();
+        socket.read_to_string(&mut answer).unwrap();
+        let (_, body) = answer.split_once("\r\n\r\n").unwrap();
+        let body: serde_json::Value = serde_json::from_str(body).unwrap();
+        let streams = body["account_details"][0]["stream_detail"].as_array().unwrap();
+        let found = streams.iter().find(|one| one["name"] == stream).unwrap();
+        found["state"]["messages"].as_u64().unwrap()
+    }
+
     /// Present length of the hub's log.
     pub fn hub_logged(&self) -> usize {
         fs::read(self.path("hub.log")).map_or(0, |log| log.len())
@@ -422,7 +476,7 @@ impl Fleet {
     }
 
     /// Starts a hub that ended again, as its unit does: at its start it may find a server dead.
-    fn keep_hub(&mut self) {
+    pub fn keep_hub(&mut self) {
         let ended = self
             .hub
             .as_mut()
@@ -651,7 +705,7 @@ fn edge(name: &str, to: &str) -> Edge {
         &(config
             + &format!(
                 "\n[store]\npath = \"site.db\"\n[ingest]\nfolder = \"archive\"\n[http]\nlisten = \"off\"\n\
-                 [forward]\n{to}site = \"{name}\"\n"
+                 [forward]\n{to}site = \"{name}\"\nheartbeat_s = 1.0\n"
             )),
     );
     files(&from.path("archive"), &site.path("archive"));

@@ -1,5 +1,7 @@
 //! Sites, post and centre with real servers: the centre's rows are those of each site's `replay`, whatever is killed.
 
+mod beats;
+mod commands;
 mod figures;
 mod fleet;
 mod poison;

@@ -41,6 +41,7 @@ fn a_stolen_credential_writes_its_own_site_alone_until_it_is_revoked() {
     };
     fleet.start();
     fleet.wait_until_equal();
+    fleet.wait_until_beating();
     let (seed, ca, port) = (fleet.seed("todi"), fleet.path("ca.pem"), fleet.nats_port());
     let address = format!("tls://localhost:{port}");
     runtime().block_on(async {
@@ -54,6 +55,17 @@ fn a_stolen_credential_writes_its_own_site_alone_until_it_is_revoked() {
         let forbidden = [
             "tirante.v1.out.gubbio",
             "tirante.v1.out.todi.more",
+            "tirante.v1.beat.gubbio",
+            "tirante.v1.cmd.todi",
+            "tirante.v1.cmd.gubbio",
+            "$JS.API.STREAM.MSG.GET.TIRANTE_CMD",
+            "$JS.API.STREAM.CREATE.TIRANTE_CMD",
+            "$JS.API.DIRECT.GET.TIRANTE_CMD",
+            "$JS.API.DIRECT.GET.TIRANTE_CMD.tirante.v1.cmd.gubbio",
+            "$JS.API.STREAM.INFO.TIRANTE_BEAT",
+            "$JS.API.STREAM.MSG.GET.TIRANTE_BEAT",
+            "$JS.API.STREAM.DELETE.TIRANTE_BEAT",
+            "$JS.API.DIRECT.GET.TIRANTE_BEAT.tirante.v1.beat.gubbio",
             "$JS.API.STREAM.INFO.TIRANTE_OUT",
             "$JS.API.STREAM.NAMES",
             "$JS.API.STREAM.PURGE.TIRANTE_OUT",
@@ -77,7 +89,15 @@ fn a_stolen_credential_writes_its_own_site_alone_until_it_is_revoked() {
                 .any(|line| line.contains(&format!("\"{subject}\"")));
             assert!(heard, "{subject}: {:?}", said.lock().unwrap());
         }
-        for subject in ["tirante.>", "_INBOX_gubbio.>", "_INBOX.>", ">"] {
+        for subject in [
+            "tirante.>",
+            "tirante.v1.cmd.gubbio",
+            "tirante.v1.cmd.todi",
+            "tirante.v1.beat.>",
+            "_INBOX_gubbio.>",
+            "_INBOX.>",
+            ">",
+        ] {
             let mut listening = client.subscribe(subject).await.unwrap();
             client.flush().await.unwrap();
             tokio::time::sleep(Duration::from_millis(100)).await;

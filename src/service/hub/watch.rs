@@ -1,0 +1,167 @@
+//! The hub's conditions, among them silent sites, told to its sinks: each begin and end once, whatever is restarted.
+//!
+//! It works on a thread and in a file of its own, so that a database or a post that hangs is told, too.
+
+use crate::config::HubConfig;
+use crate::service::alert::{Conditions, Couriers};
+use crate::service::telemetry::{Beat, Fault, Health, Metrics, Telemetry};
+use crate::site::clock;
+use crate::site::store::{Commit, ConditionEvent, Durability, Store, StoreError};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+/// Name of the hub in messages.
+const NAME: &str = "centre";
+/// Subject of the condition of an outbox that cannot be written.
+const ABOUT: &str = "outbox";
+/// Interval of looks.
+const LOOK: Duration = Duration::from_millis(500);
+/// Marks of deliveries that may wait.
+const MARKS: usize = 64;
+
+/// Error at the start of the watch.
+#[derive(Debug, thiserror::Error)]
+pub enum WatchError {
+    /// The outbox.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The system gives no thread.
+    #[error(transparent)]
+    Thread(#[from] std::io::Error),
+}
+
+/// The running watch, ended when dropped.
+pub struct Watch {
+    stop: Option<SyncSender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Watch {
+    /// Starts the sinks of the configuration; `None` without any.
+    ///
+    /// # Errors
+    /// The outbox cannot be opened, or the system gives no thread.
+    pub fn start(
+        config: &HubConfig,
+        health: &Arc<Health>,
+        beat: Arc<Beat>,
+    ) -> Result<Option<Self>, WatchError> {
+        let Some(path) = config.outbox.as_ref().filter(|_| !config.sinks.is_empty()) else {
+            return Ok(None);
+        };
+        let store = Store::open(path, Durability::Full)?;
+        let standing = store.standing_notices()?;
+        for notice in &standing {
+            stands_on(notice, config, health);
+        }
+        let metrics = Arc::new(Metrics::new(Arc::clone(health), Arc::clone(&beat)));
+        let telemetry = Telemetry {
+            health: Arc::clone(health),
+            beat,
+            metrics,
+        };
+        let (mark, marks) = sync_channel::<(String, i64)>(MARKS);
+        let delivered = Box::new(move |sink, through| mark.send((sink, through)).is_ok());
+        let mut couriers = Couriers::start(&config.sinks, NAME, path, delivered, telemetry);
+        couriers.watch(&config.alert, NAME);
+        let settle = Duration::from_secs_f64(config.alert.settle_s);
+        let mut teller = Teller {
+            store,
+            conditions: Conditions::new(settle, standing),
+            unkept: Vec::new(),
+            health: Arc::clone(health),
+        };
+        let (stop, stopped) = sync_channel(0);
+        let thread = thread::Builder::new().name("watch".to_owned()).spawn(move || {
+            while stopped.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
+                if teller.look(&marks) {
+                    couriers.wake();
+                }
+                couriers.look_at_clock(clock::now());
+            }
+            // What is delivered while they end is marked, too.
+            let ending = thread::spawn(move || drop(couriers));
+            for (sink, through) in marks {
+                teller.mark(&sink, through);
+            }
+            // It never panics; if it did, the panic could not be reported.
+            let _ = ending.join();
+        })?;
+        Ok(Some(Self {
+            stop: Some(stop),
+            thread: Some(thread),
+        }))
+    }
+}
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Holds a condition of before the start that only a heartbeat can end; the others are found again by looking.
+fn stands_on(notice: &ConditionEvent, config: &HubConfig, health: &Health) {
+    for fault in [Fault::Silent, Fault::Clock] {
+        if notice.fault == fault.code() && config.site(&notice.about).is_some() {
+            health.hold(fault, &notice.about, &notice.detail);
+        }
+    }
+}
+
+/// Owner of the outbox.
+struct Teller {
+    store: Store,
+    conditions: Conditions,
+    /// Notices that the outbox does not have yet.
+    unkept: Vec<ConditionEvent>,
+    health: Arc<Health>,
+}
+
+impl Teller {
+    /// Puts what began or ended into the outbox; returns true if there is news in it.
+    fn look(&mut self, marks: &Receiver<(String, i64)>) -> bool {
+        for (sink, through) in marks.try_iter() {
+            self.mark(&sink, through);
+        }
+        let lasting = self.health.conditions();
+        let told = self.conditions.look(&lasting, Instant::now(), clock::now());
+        self.unkept.extend(told);
+        if self.unkept.is_empty() {
+            return false;
+        }
+        let written = self.store.watch(&self.unkept, None);
+        if self.wrote(written) {
+            self.unkept.clear();
+            return true;
+        }
+        false
+    }
+
+    fn mark(&mut self, sink: &str, through: i64) {
+        let written = self.store.commit(&Commit {
+            delivered: Some((sink, through)),
+            ..Commit::default()
+        });
+        self.wrote(written);
+    }
+
+    fn wrote(&self, written: Result<(), StoreError>) -> bool {
+        match written {
+            Ok(()) => {
+                self.health.over(Fault::Write, ABOUT);
+                true
+            }
+            Err(error) => {
+                let detail = format!("what the sinks are told cannot be kept: {error}");
+                self.health.hold(Fault::Write, ABOUT, detail);
+                false
+            }
+        }
+    }
+}

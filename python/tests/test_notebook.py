@@ -18,6 +18,9 @@ def executed():
     for cell in notebook.cells:
         # Times of the execution would change the file with every run.
         cell.metadata.pop("execution", None)
+        # Packages warn of their own future there, one of them once a day.
+        if cell.cell_type == "code":
+            cell.outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
     notebook.metadata["language_info"] = {"name": "python"}
     return notebook
 

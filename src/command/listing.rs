@@ -131,6 +131,8 @@ impl Aligned {
                 break;
             }
             let gap = if place > 0 { "  " } else { "" };
+            // Wider formats panic.
+            let width = *width.min(&usize::from(u16::MAX));
             // Writing to a string cannot fail.
             let _ = if self.right.get(place) == Some(&true) {
                 write!(line, "{gap}{cell:>width$}")

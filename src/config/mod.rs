@@ -386,7 +386,8 @@ fn parse_tables<T>(
     let mut padded = Vec::new();
     for setting in settings {
         whole.push('\n');
-        padded.push(format!("{:1$}{setting}", "", whole.len()));
+        // A width in a format would end at 65 535.
+        padded.push(format!("{}{setting}", " ".repeat(whole.len())));
         whole += &setting.to_string();
     }
     let faults = Faults::new(&whole, text.len());

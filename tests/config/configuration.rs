@@ -559,6 +559,11 @@ fn settings_of_the_command_line_stand_over_the_file() {
         "record.cut=window",
         "site.seed=9",
     ]);
+    // A file of a hundred rods is longer than any width that a format takes.
+    let folder = tempfile::tempdir().unwrap();
+    let long = folder.path().join("long.toml");
+    std::fs::write(&long, format!("{}{MINIMAL}", "# remark\n".repeat(10_000))).unwrap();
+    assert_eq!(Config::resolve(Some(&long), &set).unwrap().seed, 9);
     let config = Config::resolve(Some(&file), &set).unwrap();
     let abc = config.rods[0].analysis.abc;
     assert_eq!((abc.draws, abc.accept), (5000, Accept::Quantile(0.05)));

@@ -210,7 +210,7 @@ impl Plan {
             || {
                 rayon::join(
                     || LabelPlan::new(&settings.prior, &settings.discrepancy, settings.modes.clone()),
-                    Conflict::prepare,
+                    || Conflict::prepare(settings.modes.count),
                 )
             },
         );

@@ -4,8 +4,8 @@
 //! written next to its place, flushed and renamed, so that a reader sees all of it or nothing. A faulty file
 //! gives a warning and a new fit; a faulty directory costs only a fit at the next start.
 //!
-//! Only the Hermite chaos is kept. The reduced emulator serves every rod and is fitted in about 20 ms, faster
-//! than a file could be checked, so there is nothing to go stale.
+//! Only the Hermite chaos is kept. The reduced emulator serves every rod and is part of the program, so there is nothing to go
+//! stale.
 
 use crate::analysis::rod::beam::forward::ForwardModel;
 use crate::analysis::rod::beam::{Exact, FiniteElements, finite_elements};

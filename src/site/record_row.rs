@@ -229,17 +229,9 @@ fn parameters(posterior: &Posterior) -> BTreeMap<String, ParameterRow> {
     quantities
         .filter(|&&quantity| quantity != Quantity::AxialForce)
         .filter_map(|&quantity| {
+            let (mean, cv) = (posterior.mean(quantity)?, posterior.cv(quantity)?);
             // A fixed quantity's spread is the rounding of its mean.
-            let marginal = posterior
-                .marginal(quantity)
-                .filter(|marginal| marginal.cv > 1e-9)?;
-            Some((
-                quantity.key().to_owned(),
-                ParameterRow {
-                    mean: marginal.mean,
-                    cv: marginal.cv,
-                },
-            ))
+            (cv > 1e-9).then(|| (quantity.key().to_owned(), ParameterRow { mean, cv }))
         })
         .collect()
 }

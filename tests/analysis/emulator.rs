@@ -80,3 +80,21 @@ fn errors_by_order() {
         }
     }
 }
+
+/// `UPDATE_TABLES=1 cargo test --test analysis the_shipped` writes it anew.
+#[test]
+fn the_shipped_reduced_emulator_is_the_fitted_one_to_the_bit() {
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/src/analysis/rod/emulator/reduced.postcard"
+    );
+    let fitted = Reduced::fit().save().unwrap();
+    if std::env::var_os("UPDATE_TABLES").is_some() {
+        std::fs::write(path, &fitted).unwrap();
+    }
+    assert!(
+        fitted == std::fs::read(path).unwrap(),
+        "the fit has changed: UPDATE_TABLES=1 writes {path}"
+    );
+    assert!(fitted == Reduced::shared().save().unwrap());
+}

@@ -16,7 +16,7 @@ use crate::rod::beam::forward::MAX_MODES;
 use serde::Serialize;
 use std::f64::consts::PI;
 use std::fmt;
-use std::sync::LazyLock;
+use std::sync::{LazyLock, OnceLock};
 
 /// Least standard deviation as a share of the frequency: the search does not resolve smaller ones.
 const SMALLEST_RELATIVE_SD: f64 = 1e-6;
@@ -55,10 +55,12 @@ pub struct Conflict {
 }
 
 impl Conflict {
-    /// Solves the grid that every score starts from, once per process; without this call the first score does
-    /// it.
-    pub fn prepare() {
-        LazyLock::force(&LINES);
+    /// Solves the grid that every score of the first `modes` starts from, once per process; without this call the first score
+    /// does it.
+    pub fn prepare(modes: usize) {
+        (0..modes.min(MAX_MODES)).for_each(|mode| {
+            grid(mode);
+        });
     }
 }
 
@@ -171,13 +173,8 @@ fn floored(frequency_hz: &[f64], sd_hz: &[f64]) -> Vec<f64> {
 /// k / (k + sqrt(EI N) + EI / l), from hinge to clamp at any tension.
 type Point = [f64; 3];
 
-/// n G_n of all modes at a point, up to a common factor.
-fn pattern(point: Point) -> [f64; MAX_MODES] {
-    pattern_of(0..MAX_MODES, point)
-}
-
-/// The same for some modes, counted from zero; the others stay zero.
-fn pattern_of(modes: impl Iterator<Item = usize>, point: Point) -> [f64; MAX_MODES] {
+/// n G_n of some modes, counted from zero, at a point, up to a common factor; those of the others stay zero.
+fn pattern(modes: impl Iterator<Item = usize>, point: Point) -> [f64; MAX_MODES] {
     let u = point[0].clamp(1e-7, 1.0 - 1e-4);
     let lambda = 0.1 * u / (1.0 - u);
     let supports = [point[1], point[2]].map(|fixity| {
@@ -193,17 +190,16 @@ fn pattern_of(modes: impl Iterator<Item = usize>, point: Point) -> [f64; MAX_MOD
     pattern
 }
 
-/// The patterns of one pair of fixities along tension, string first.
-struct Line {
-    fixities: [usize; 2],
-    patterns: Vec<[f64; MAX_MODES]>,
-}
+/// Pairs of fixities of the grid; a beam and its mirror image have the same frequencies.
+static LINES: LazyLock<Vec<[usize; 2]>> = LazyLock::new(|| {
+    let pairs = (0..FIXITIES).flat_map(|left| (left..FIXITIES).map(move |right| [left, right]));
+    pairs.collect()
+});
 
-impl Line {
-    fn point(&self, u: f64) -> Point {
-        let [left, right] = self.fixities.map(|i| i as f64 / (FIXITIES - 1) as f64);
-        [u, left, right]
-    }
+/// A point of the grid.
+fn at(fixities: [usize; 2], u: f64) -> Point {
+    let [left, right] = fixities.map(|i| i as f64 / (FIXITIES - 1) as f64);
+    [u, left, right]
 }
 
 /// Tension is denser towards the string, where tie-rods are.
@@ -211,22 +207,18 @@ fn grid_tension(i: f64) -> f64 {
     (i / (TENSIONS - 1) as f64).powi(2)
 }
 
-/// The grid, solved once. A beam and its mirror image have the same frequencies.
-static LINES: LazyLock<Vec<Line>> = LazyLock::new(|| {
-    let pairs = (0..FIXITIES).flat_map(|left| (left..FIXITIES).map(move |right| [left, right]));
-    pairs
-        .map(|fixities| {
-            let mut line = Line {
-                fixities,
-                patterns: Vec::new(),
-            };
-            line.patterns = (0..TENSIONS)
-                .map(|i| pattern(line.point(grid_tension(i as f64))))
-                .collect();
-            line
-        })
-        .collect()
-});
+/// n G_n of one mode, counted from zero, along tension, string first, for each of [`LINES`]: solved once, mode by mode, since most rods
+/// show three.
+fn grid(mode: usize) -> &'static [[f64; TENSIONS]] {
+    static GRID: [OnceLock<Vec<[f64; TENSIONS]>>; MAX_MODES] = [const { OnceLock::new() }; MAX_MODES];
+    GRID[mode].get_or_init(|| {
+        let value = |fixities: [usize; 2], i: usize| {
+            pattern(std::iter::once(mode), at(fixities, grid_tension(i as f64)))[mode]
+        };
+        let line = |&fixities: &[usize; 2]| std::array::from_fn(|i| value(fixities, i));
+        LINES.iter().map(line).collect()
+    })
+}
 
 struct Data<'a> {
     orders: &'a [usize],
@@ -271,16 +263,16 @@ impl Data<'_> {
         let mut ranked: Vec<(f64, usize, Point)> = LINES
             .iter()
             .enumerate()
-            .map(|(i, line)| {
-                let (squared, position) = self.along(line);
-                (squared, i, line.point(grid_tension(position)))
+            .map(|(i, &fixities)| {
+                let (squared, position) = self.along(i);
+                (squared, i, at(fixities, grid_tension(position)))
             })
             .collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut chosen: Vec<usize> = Vec::new();
         for &(_, line, _) in &ranked {
             let apart = |&other: &usize| {
-                let (a, b) = (LINES[line].fixities, LINES[other].fixities);
+                let (a, b) = (LINES[line], LINES[other]);
                 a[0].abs_diff(b[0]).max(a[1].abs_diff(b[1])) > 2
             };
             if chosen.len() < STARTS && chosen.iter().all(apart) {
@@ -293,24 +285,31 @@ impl Data<'_> {
 
     /// Smallest squared distance to the chords between a line's neighbouring patterns, and its
     /// position on the line. On a chord c (a + t (b - a)) the best c and c t follow linearly.
-    fn along(&self, line: &Line) -> (f64, f64) {
-        let mut best = (f64::INFINITY, 0.0);
-        for (i, ends) in line.patterns.windows(2).enumerate() {
-            let (mut aa, mut ad, mut dd, mut fa, mut fd, mut ff) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-            for ((&order, frequency), sd) in self.orders.iter().zip(self.frequency_hz).zip(self.sd_hz) {
-                let a = ends[0][order - 1] / sd;
-                let d = ends[1][order - 1] / sd - a;
-                let f = frequency / sd;
-                (aa, ad, dd) = (aa + a * a, ad + a * d, dd + d * d);
-                (fa, fd, ff) = (fa + f * a, fd + f * d, ff + f * f);
+    fn along(&self, line: usize) -> (f64, f64) {
+        let [mut aa, mut ad, mut dd, mut fa, mut fd] = [[0.0; TENSIONS - 1]; 5];
+        let mut ff = 0.0;
+        for ((&order, frequency), sd) in self.orders.iter().zip(self.frequency_hz).zip(self.sd_hz) {
+            let f = frequency / sd;
+            ff += f * f;
+            let pattern = grid(order - 1)[line].map(|value| value / sd);
+            for i in 0..TENSIONS - 1 {
+                let (a, d) = (pattern[i], pattern[i + 1] - pattern[i]);
+                aa[i] += a * a;
+                ad[i] += a * d;
+                dd[i] += d * d;
+                fa[i] += f * a;
+                fd[i] += f * d;
             }
-            let free = (fd * aa - fa * ad) / (fa * dd - fd * ad);
+        }
+        let mut best = (f64::INFINITY, 0.0);
+        for i in 0..TENSIONS - 1 {
+            let free = (fd[i] * aa[i] - fa[i] * ad[i]) / (fa[i] * dd[i] - fd[i] * ad[i]);
             let t = if free.is_finite() {
                 free.clamp(0.0, 1.0)
             } else {
                 0.0
             };
-            let (fg, gg) = (fa + t * fd, aa + 2.0 * t * ad + t * t * dd);
+            let (fg, gg) = (fa[i] + t * fd[i], aa[i] + 2.0 * t * ad[i] + t * t * dd[i]);
             let squared = ff - fg * fg / gg;
             if squared < best.0 {
                 best = (squared, i as f64 + t);
@@ -320,7 +319,7 @@ impl Data<'_> {
     }
 
     fn at(&self, point: Point) -> Fit {
-        self.fit(&pattern_of(self.orders.iter().map(|order| order - 1), point))
+        self.fit(&pattern(self.orders.iter().map(|order| order - 1), point))
     }
 }
 
@@ -392,7 +391,9 @@ mod tests {
     #[test]
     fn ratios_stay_between_string_and_hinged_beam() {
         let mut extremes = [(f64::INFINITY, 0f64); MAX_MODES * MAX_MODES];
-        for pattern in LINES.iter().flat_map(|line| &line.patterns) {
+        let points = (0..LINES.len()).flat_map(|line| (0..TENSIONS).map(move |i| (line, i)));
+        for (line, i) in points {
+            let pattern: [f64; MAX_MODES] = std::array::from_fn(|mode| grid(mode)[line][i]);
             for high in 1..MAX_MODES {
                 for low in 0..high {
                     let ratio = pattern[high] / pattern[low];
@@ -417,7 +418,7 @@ mod tests {
     fn rod(generator: &mut impl rand::Rng) -> [f64; MAX_MODES] {
         use rand::RngExt;
         let point = [generator.random(), generator.random(), generator.random()];
-        pattern(point).map(|g| 4.5 * g)
+        pattern(0..MAX_MODES, point).map(|g| 4.5 * g)
     }
 
     /// Any subset of at least one mode.

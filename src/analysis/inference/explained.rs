@@ -86,10 +86,14 @@ impl Terms {
     /// R^2 of every set of sources, the set's members the bits of the index; corrected for the number of terms.
     pub(super) fn explained(&self, response: &DVector<f64>, ess: f64) -> Vec<f64> {
         let count = self.columns.len();
-        let gram = DMatrix::from_fn(count, count, |i, j| {
-            // A shade of ridge keeps columns that repeat each other solvable.
-            self.columns[i].dot(&self.columns[j]) + if i == j { 1e-9 } else { 0.0 }
-        });
+        let mut gram = DMatrix::zeros(count, count);
+        for i in 0..count {
+            for j in 0..=i {
+                // A shade of ridge keeps columns that repeat each other solvable.
+                let product = self.columns[i].dot(&self.columns[j]) + if i == j { 1e-9 } else { 0.0 };
+                (gram[(i, j)], gram[(j, i)]) = (product, product);
+            }
+        }
         let right = DVector::from_fn(count, |i, _| self.columns[i].dot(response));
         (0..1usize << self.sources.len())
             .map(|set| {

@@ -14,6 +14,7 @@
 
 pub mod abc;
 pub mod adjust;
+mod column;
 pub mod conflict;
 pub mod distance;
 mod explained;

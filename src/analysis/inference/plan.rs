@@ -8,13 +8,13 @@ use super::posterior::Posterior;
 use super::prior_place::prior_place;
 use super::sequential::{self, SequentialSettings};
 use super::table::{LaterTable, NoiseTable, Statics, Table, Tables};
-use super::variance_shares::{VarianceShares, variance_shares};
+use super::variance_shares::{VarianceShares, log_mass_variance, variance_shares};
 use super::{AbcSettings, Accept, Adjustment, Distance, Method, Noise, Observation, adjust, with_tests};
 use crate::numerics::diagnostics;
 use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
 use crate::rod::prior::RodPrior;
 use crate::signal::record::Rejection;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use thiserror::Error;
 
 /// Fewest accepted draws of a posterior; with fewer, its 2.5 % quantile is unreliable.
@@ -120,6 +120,7 @@ pub struct Inference {
     /// The table's rods are those that tests left.
     is_tested: bool,
     doubts: Vec<DatumConflict>,
+    prior_mass: OnceLock<f64>,
 }
 
 impl Inference {
@@ -151,6 +152,7 @@ impl Inference {
             settings,
             is_tested: false,
             doubts: Vec::new(),
+            prior_mass: OnceLock::new(),
         })
     }
 
@@ -279,6 +281,7 @@ impl Inference {
             observation,
             &sds,
             2 * larger > sds.len(),
+            *self.prior_mass.get_or_init(|| log_mass_variance(&self.prior)),
         )
     }
 

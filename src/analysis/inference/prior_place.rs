@@ -2,11 +2,9 @@
 
 use super::distance::Target;
 use super::table::{NoiseTable, PLACED, Table};
+use crate::numerics::random::BLOCK;
 use crate::rod::beam::forward::MAX_MODES;
 use nalgebra::SMatrix;
-
-/// Logarithms of the observed modes' frequencies.
-type Row = [f64; MAX_MODES];
 
 /// Place of an observation among the prior's records.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,42 +27,32 @@ const BEYOND: f64 = 2.0;
 /// spread.
 pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) -> Place {
     let width = target.terms().len();
-    let entries = |value: &dyn Fn(usize) -> f64| {
-        let mut row = [0.0; MAX_MODES];
-        for (i, entry) in row[..width].iter_mut().enumerate() {
-            *entry = value(i);
-        }
-        row
-    };
-    let rows: Vec<Row> = (0..table.draws().min(PLACED))
-        .map(|draw| {
-            entries(&|i| {
-                let term = &target.terms()[i];
-                let frequency = table.frequency(draw, term.mode);
-                let error = Target::simulated(term, frequency, noise.at(draw, term.mode, 0)) - frequency;
-                // The error is that of the observed frequency: as a share of a much lower one it would be no error of this record.
-                table.logarithms(term.mode)[draw] + f64::from(error / frequency.max(term.observed))
-            })
-        })
-        // No answer.
-        .filter(|row| row.iter().all(|value| value.is_finite()))
-        .collect();
-    let observed = entries(&|i| libm::log(f64::from(target.terms()[i].observed)));
-    let count = rows.len().max(1) as f64;
-    let mut mean = [0.0; MAX_MODES];
-    for row in &rows {
-        for i in 0..width {
-            mean[i] += row[i];
-        }
+    let columns = simulated(target, table, noise);
+    let draws = columns.first().map_or(0, Vec::len);
+    let count = draws.max(1) as f64;
+    let observed = target
+        .terms()
+        .iter()
+        .map(|term| libm::log(f64::from(term.observed)));
+    let (mut mean, mut off) = ([0.0; MAX_MODES], [0.0; MAX_MODES]);
+    for (i, (column, observed)) in columns.iter().zip(observed).enumerate() {
+        mean[i] = column.iter().sum::<f64>() / count;
+        off[i] = observed - mean[i];
     }
-    mean.iter_mut().for_each(|sum| *sum /= count);
+    let centred: Vec<Vec<f64>> = columns
+        .iter()
+        .zip(mean)
+        .map(|(column, mean)| column.iter().map(|value| value - mean).collect())
+        .collect();
     let mut covariance = SMatrix::<f64, MAX_MODES, MAX_MODES>::identity();
-    covariance.view_mut((0, 0), (width, width)).fill(0.0);
-    for row in &rows {
-        for i in 0..width {
-            for j in 0..=i {
-                covariance[(i, j)] += (row[i] - mean[i]) * (row[j] - mean[j]) / count;
-            }
+    for i in 0..width {
+        for j in 0..=i {
+            let products = centred[i].iter().zip(&centred[j]).map(|(a, b)| a * b);
+            // The same bits, without a division for each.
+            covariance[(i, j)] = match draws.is_power_of_two() {
+                true => products.map(|product| product * (1.0 / count)).sum(),
+                false => products.map(|product| product / count).sum(),
+            };
         }
     }
     // Its lower triangle is all that is read.
@@ -75,28 +63,14 @@ pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) ->
             is_outside: false,
         };
     };
-    let distance_squared = |row: &Row| -> f64 {
-        let mut left = [0.0; MAX_MODES];
-        let mut sum = 0.0;
-        for i in 0..width {
-            left[i] = row[i] - mean[i];
-            for j in 0..i {
-                left[i] -= root[(i, j)] * left[j];
-            }
-            left[i] /= root[(i, i)];
-            sum += left[i] * left[i];
-        }
-        sum
-    };
-    let limit = distance_squared(&observed);
-    let further = rows.iter().filter(|row| distance_squared(row) >= limit).count();
+    let limit = distances_squared(&off.map(|off| vec![off])[..width], &root)[0];
+    let further = distances_squared(&centred, &root)
+        .iter()
+        .filter(|&&squared| squared >= limit)
+        .count();
     let (mut distance, mut is_outside) = (f64::INFINITY, true);
-    for i in 0..width {
-        let off = observed[i] - mean[i];
-        let mut outward: Vec<f64> = rows
-            .iter()
-            .map(|row| (row[i] - mean[i]).copysign(off * (row[i] - mean[i])))
-            .collect();
+    for (column, off) in centred.iter().zip(off) {
+        let mut outward: Vec<f64> = column.iter().map(|value| value.copysign(off * value)).collect();
         // The covariance has a root: there are draws.
         let at = 99 * (outward.len() - 1) / 100;
         let (_, &mut nearly, beyond) = outward.select_nth_unstable_by(at, f64::total_cmp);
@@ -105,8 +79,61 @@ pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) ->
         is_outside &= off.abs() > farthest + BEYOND * (farthest - nearly);
     }
     Place {
-        tail: (further + 1) as f64 / (rows.len() + 1) as f64,
+        tail: (further + 1) as f64 / (draws + 1) as f64,
         distance,
         is_outside,
     }
+}
+
+/// Logarithms of the simulated frequencies, one column per observed mode, of the draws that have an answer in all of them.
+fn simulated(target: &Target, table: &Table, noise: &NoiseTable) -> Vec<Vec<f64>> {
+    let draws = table.draws().min(PLACED);
+    let mut columns: Vec<Vec<f64>> = target
+        .terms()
+        .iter()
+        .map(|term| {
+            let blocks = (0..draws.div_ceil(BLOCK)).flat_map(|block| {
+                let frequencies = table.block(block, term.mode);
+                frequencies.iter().zip(noise.block(block, term.mode, 0))
+            });
+            let logarithms = table.logarithms(term.mode);
+            // The error is that of the observed frequency: as a share of a much lower one it would be no error of this record.
+            let one = |((&frequency, &z), logarithm): ((&f32, &f32), &f64)| {
+                let error = Target::simulated(term, frequency, z) - frequency;
+                logarithm + f64::from(error / frequency.max(term.observed))
+            };
+            blocks.zip(logarithms).map(one).collect()
+        })
+        .collect();
+    let is_answered = |draw: usize| columns.iter().all(|column| column[draw].is_finite());
+    let answered: Vec<bool> = (0..draws).map(is_answered).collect();
+    if answered.contains(&false) {
+        for column in &mut columns {
+            let mut answered = answered.iter();
+            column.retain(|_| answered.next().is_some_and(|&answered| answered));
+        }
+    }
+    columns
+}
+
+/// Squared Mahalanobis distances of draws from their mean, given column by column, by the Cholesky factor of their covariance.
+fn distances_squared(centred: &[Vec<f64>], root: &SMatrix<f64, MAX_MODES, MAX_MODES>) -> Vec<f64> {
+    let mut sums = vec![0.0; centred.first().map_or(0, Vec::len)];
+    let mut whitened: Vec<Vec<f64>> = Vec::with_capacity(centred.len());
+    for (i, column) in centred.iter().enumerate() {
+        let mut left = column.clone();
+        for (j, other) in whitened.iter().enumerate() {
+            let factor = root[(i, j)];
+            left.iter_mut()
+                .zip(other)
+                .for_each(|(left, other)| *left -= factor * other);
+        }
+        let divisor = root[(i, i)];
+        for (left, sum) in left.iter_mut().zip(&mut sums) {
+            *left /= divisor;
+            *sum += *left * *left;
+        }
+        whitened.push(left);
+    }
+    sums
 }

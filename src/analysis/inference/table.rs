@@ -1,6 +1,7 @@
 //! The simulated table: parameter vectors drawn from the prior with their model frequencies, drawn once
 //! and reused for every record, and the standard normal noise every record reuses with it.
 
+use super::column::{Column, Columns};
 use super::joint::JointPosterior;
 use crate::numerics::random::{self, BLOCK};
 use crate::rod::beam::forward::ForwardModel;
@@ -14,7 +15,8 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 ///
 /// Frequencies are kept as `f32`, block by block of [`BLOCK`] draws and within a block mode by mode;
 /// their rounding, 6e-8 of the value, is a thousandth of the smallest standard error a record has.
-/// Parameters are kept as `f32` rows of the uncertain quantities only; fixed ones stay exact.
+/// Parameters are kept as `f32` of the uncertain quantities only, block by block, in columns that all tables of a site share
+/// where they are equal; fixed ones stay exact.
 /// A draw without an answer of the model has NaN in all modes.
 #[derive(Debug)]
 pub struct Table {
@@ -23,7 +25,7 @@ pub struct Table {
     draws: usize,
     modes: usize,
     invalid: usize,
-    parameters: Vec<f32>,
+    parameters: Vec<Arc<Column>>,
     frequencies: Vec<f32>,
     logarithms: OnceLock<Vec<f64>>,
 }
@@ -35,32 +37,32 @@ impl Table {
     /// Draws `draws` parameter vectors from the prior and computes `modes` frequencies of each. Block b uses
     /// stream b of `seed`, so the bits do not depend on the number of threads.
     pub fn draw(prior: &RodPrior, model: &dyn ForwardModel, modes: usize, draws: usize, seed: u64) -> Self {
-        Self::conditioned(prior, model, None, modes, draws, seed)
+        Self::conditioned(prior, model, None, modes, draws, seed, &Columns::default())
     }
 
     /// The same with everything but the axial force from the posterior of tests; the model's discrepancy is
     /// then part of the frequencies.
-    pub fn conditioned(
+    fn conditioned(
         prior: &RodPrior,
         model: &dyn ForwardModel,
         statics: Option<&Statics>,
         modes: usize,
         draws: usize,
         seed: u64,
+        columns: &Columns,
     ) -> Self {
         let width = prior.priors().len();
         let uncertain: Vec<usize> = (0..width).filter(|&i| !prior.priors()[i].is_fixed()).collect();
         let blocks = draws.div_ceil(BLOCK);
-        let mut parameters = vec![0f32; blocks * BLOCK * uncertain.len().max(1)];
+        columns.forget();
         // Rows beyond the last draw stay NaN: like invalid rows they are never accepted.
         let mut frequencies = vec![f32::NAN; blocks * BLOCK * modes];
-        let invalid = parameters
-            .par_chunks_mut(BLOCK * uncertain.len().max(1))
-            .zip(frequencies.par_chunks_mut(BLOCK * modes))
+        let found: Vec<(Vec<Arc<Column>>, usize)> = frequencies
+            .par_chunks_mut(BLOCK * modes)
             .enumerate()
             .map_init(
                 || (vec![0f64; BLOCK * width], vec![0f64; BLOCK * modes]),
-                |(thetas, answers), (block, (parameters, frequencies))| {
+                |(thetas, answers), (block, frequencies)| {
                     let rows = BLOCK.min(draws - block * BLOCK);
                     let thetas = &mut thetas[..rows * width];
                     let answers = &mut answers[..rows * modes];
@@ -78,11 +80,14 @@ impl Table {
                             statics.distort(row, answer);
                         }
                     }
-                    for (row, theta) in thetas.chunks_exact(width).enumerate() {
-                        for (slot, &quantity) in uncertain.iter().enumerate() {
-                            parameters[row * uncertain.len() + slot] = theta[quantity] as f32;
+                    let parameters = uncertain.iter().map(|&quantity| {
+                        let mut values = [0f32; BLOCK];
+                        for (value, theta) in values.iter_mut().zip(thetas.chunks_exact(width)) {
+                            *value = theta[quantity] as f32;
                         }
-                    }
+                        columns.keep(&values)
+                    });
+                    let parameters = parameters.collect();
                     let mut invalid = 0;
                     for (row, answer) in answers.chunks_exact(modes).enumerate() {
                         if answer.iter().all(|f| f.is_finite() && *f > 0.0) {
@@ -93,17 +98,17 @@ impl Table {
                             invalid += 1;
                         }
                     }
-                    invalid
+                    (parameters, invalid)
                 },
             )
-            .sum();
+            .collect();
         Self {
             fixed: prior.centre(),
             uncertain,
             draws,
             modes,
-            invalid,
-            parameters,
+            invalid: found.iter().map(|(_, invalid)| invalid).sum(),
+            parameters: found.into_iter().flat_map(|(columns, _)| columns).collect(),
             frequencies,
             logarithms: OnceLock::new(),
         }
@@ -129,17 +134,23 @@ impl Table {
         self.fixed.len()
     }
 
-    /// Size in memory \[bytes\].
-    pub fn bytes(&self) -> usize {
-        4 * (self.parameters.len() + self.frequencies.len())
+    /// Address and size \[bytes\] of each piece of memory it holds; tables of a site share pieces.
+    pub fn pieces(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let piece = |start: usize, length: usize| (start, 4 * length);
+        let columns = self
+            .parameters
+            .iter()
+            .map(move |column| piece(column.as_ptr() as usize, BLOCK));
+        columns.chain([piece(self.frequencies.as_ptr() as usize, self.frequencies.len())])
     }
 
     /// Parameter vector of one draw.
     pub fn theta(&self, draw: usize, theta: &mut [f64]) {
         theta.copy_from_slice(&self.fixed);
-        let row = &self.parameters[draw * self.uncertain.len()..][..self.uncertain.len()];
-        for (&quantity, &value) in self.uncertain.iter().zip(row) {
-            theta[quantity] = f64::from(value);
+        let width = self.uncertain.len();
+        let columns = &self.parameters[draw / BLOCK * width..][..width];
+        for (&quantity, column) in self.uncertain.iter().zip(columns) {
+            theta[quantity] = f64::from(column[draw % BLOCK]);
         }
     }
 
@@ -297,6 +308,7 @@ pub struct LaterTable {
     draws: usize,
     seed: u64,
     statics: Option<Arc<Statics>>,
+    columns: Arc<Columns>,
 }
 
 impl LaterTable {
@@ -314,6 +326,7 @@ impl LaterTable {
             self.modes,
             self.draws,
             self.seed,
+            &self.columns,
         );
         self.drawn.get_or_init(|| table)
     }
@@ -329,6 +342,7 @@ pub struct Tables {
     seed: u64,
     simulated: Mutex<Vec<(Key, Weak<LaterTable>)>>,
     noise: Mutex<Vec<KnownColumn>>,
+    columns: Arc<Columns>,
 }
 
 impl Tables {
@@ -338,6 +352,7 @@ impl Tables {
             seed,
             simulated: Mutex::default(),
             noise: Mutex::default(),
+            columns: Arc::default(),
         }
     }
 
@@ -382,6 +397,7 @@ impl Tables {
             draws,
             seed,
             statics,
+            columns: Arc::clone(&self.columns),
         });
         known.push((key, Arc::downgrade(&table)));
         table

@@ -164,7 +164,7 @@ fn in_words(share: f64) -> &'static str {
 }
 
 /// The shares of one posterior. `error_is_discrepancy`: true if the discrepancy is the larger part of the
-/// frequencies' error. `None` if the sample is too small or the force certain.
+/// frequencies' error; `prior_mass` is the variance of the logarithm of the mass per length under the prior. `None` if the sample is too small or the force certain.
 pub fn variance_shares(
     prior: &RodPrior,
     model: &dyn ForwardModel,
@@ -172,6 +172,7 @@ pub fn variance_shares(
     observation: &Observation,
     error_sd: &[f64],
     error_is_discrepancy: bool,
+    prior_mass: f64,
 ) -> Option<VarianceShares> {
     if posterior.ess < LEAST_ESS {
         return None;
@@ -231,7 +232,15 @@ pub fn variance_shares(
     let mut shares = VarianceShares {
         sources,
         explained: all,
-        mass: mass(prior, model, &rows, &valid, &terms.weights, observation, error_sd)?,
+        mass: MassDependence {
+            force_per_mass: force_per_mass(model, &rows, &valid, observation, error_sd)?,
+            learned: if prior_mass > 1e-12 {
+                let masses: Vec<f64> = valid.iter().map(|&i| log_mass(prior, rows[i])).collect();
+                (1.0 - variance(&masses, &terms.weights) / prior_mass).clamp(0.0, 1.0)
+            } else {
+                0.0
+            },
+        },
         said: Vec::new(),
     };
     shares.said = [shares.sentence(), shares.mass_sentence()]
@@ -279,19 +288,16 @@ fn errors(model: &dyn ForwardModel, rows: &[&[f64]], observation: &Observation) 
     ))
 }
 
-/// Dependence of the force on the mass, and the share of the mass's variance that the frequencies remove. A
+/// Relative change of the force per relative change of the mass. A
 /// relative change d of the mass moves every frequency by -d/2; the force that undoes this best changes by d
-/// sum(w s) / (2 sum(w s^2)), s = d ln f / d ln N, w the inverse variances.
-fn mass(
-    prior: &RodPrior,
+/// sum(w s) / (2 sum(w s^2)), s = d ln f / d ln N, w the inverse variances. `None` where no frequency follows the force.
+fn force_per_mass(
     model: &dyn ForwardModel,
     rows: &[&[f64]],
     valid: &[usize],
-    weights: &[f64],
     observation: &Observation,
     error_sd: &[f64],
-) -> Option<MassDependence> {
-    let parameterisation = prior.parameterisation();
+) -> Option<f64> {
     let mut slopes = vec![0.0; *observation.orders.last()?];
     let (mut sum, mut squares) = (0.0, 0.0);
     for &i in valid.iter().step_by(valid.len().div_ceil(SLOPES).max(1)) {
@@ -311,27 +317,24 @@ fn mass(
             squares += slope * slope / (relative * relative);
         }
     }
-    let logarithm = |theta: &[f64]| libm::log(parameterisation.beam(theta).mass_per_length_kg_m);
+    Some(0.5 * sum / squares).filter(|change| change.is_finite())
+}
+
+/// Variance of the logarithm of the mass per length under a prior: the same for every record of a rod.
+pub(super) fn log_mass_variance(prior: &RodPrior) -> f64 {
     let mut generator = random::stream(random::seed(&[b"prior mass"]), 0);
     let mut theta = vec![0.0; prior.priors().len()];
-    let before: Vec<f64> = (0..MASS_DRAWS)
+    let draws: Vec<f64> = (0..MASS_DRAWS)
         .map(|_| {
             prior.sample(&mut generator, &mut theta);
-            logarithm(&theta)
+            log_mass(prior, &theta)
         })
         .collect();
-    let after: Vec<f64> = valid.iter().map(|&i| logarithm(rows[i])).collect();
-    let even = vec![1.0 / MASS_DRAWS as f64; MASS_DRAWS];
-    let (before, after) = (variance(&before, &even), variance(&after, weights));
-    Some(MassDependence {
-        force_per_mass: 0.5 * sum / squares,
-        learned: if before > 1e-12 {
-            (1.0 - after / before).clamp(0.0, 1.0)
-        } else {
-            0.0
-        },
-    })
-    .filter(|mass| mass.force_per_mass.is_finite())
+    variance(&draws, &vec![1.0 / MASS_DRAWS as f64; MASS_DRAWS])
+}
+
+fn log_mass(prior: &RodPrior, theta: &[f64]) -> f64 {
+    libm::log(prior.parameterisation().beam(theta).mass_per_length_kg_m)
 }
 
 fn variance(values: &[f64], weights: &[f64]) -> f64 {

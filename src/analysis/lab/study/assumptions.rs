@@ -7,6 +7,7 @@ use super::{Effort, StudyError, table2};
 use crate::inference::{AbcSettings, Distance, Inference, Method, Noise, Observation, Tables, conflict};
 use crate::lab::mcmc::{self, McmcSettings, Problem};
 use crate::numerics::random;
+use crate::rod::beam::forward::MAX_MODES;
 use crate::rod::emulator::ReducedModel;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -106,7 +107,7 @@ pub fn assumptions(
     seed: u64,
     done: &(dyn Fn(&str) + Sync),
 ) -> Result<Vec<Assumed>, StudyError> {
-    conflict::Conflict::prepare();
+    conflict::Conflict::prepare(MAX_MODES);
     ASSUMPTIONS
         .par_iter()
         .map(|&assumption| {

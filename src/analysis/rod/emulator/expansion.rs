@@ -41,6 +41,11 @@ impl Expansion {
         self.coefficients.len()
     }
 
+    /// Largest number of inner functions that go with one outer function.
+    pub fn longest_run(&self) -> usize {
+        self.runs.iter().copied().max().unwrap_or(0)
+    }
+
     /// The coefficients with their outer and inner functions.
     pub fn iter(&self) -> impl Iterator<Item = (usize, usize, f64)> + '_ {
         let places = self.runs.iter().enumerate();

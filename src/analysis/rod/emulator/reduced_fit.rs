@@ -20,7 +20,7 @@ pub(super) const INNER: usize = 26;
 pub(super) const DEGREES_S: usize = 22;
 
 impl Reduced {
-    /// Fits the expansions: exact solutions on the grid, one projection per axis.
+    /// Fits the expansions: exact solutions on the grid, one projection per axis. The bits are the same on every machine.
     pub fn fit() -> Self {
         Self::with_tolerance(TOLERANCE)
     }
@@ -84,16 +84,7 @@ impl Reduced {
             .iter()
             .map(|rows| Expansion::new(kept.iter().map(|&p| rows[p].as_slice())))
             .collect();
-        let longest = rows.iter().flatten().map(Vec::len).max().unwrap_or(0);
-        let pairs: Vec<(usize, usize)> = kept.iter().map(|&p| all[p]).collect();
-        let degrees = pairs.iter().map(|&(j, _)| j + 1).max().unwrap_or(0);
-        Self {
-            legendre,
-            pairs,
-            expansions,
-            inner: longest,
-            degrees,
-        }
+        Self::of(kept.iter().map(|&p| all[p]).collect(), expansions)
     }
 }
 

@@ -127,6 +127,8 @@ pub struct Block {
     pub power: [f64; LANES],
     /// Shape of the noise floor.
     pub floor: [f64; LANES],
+    /// True if no cell holds more than one line.
+    pub is_single: bool,
 }
 
 impl Block {
@@ -140,6 +142,7 @@ impl Block {
             im: [0.0; LANES],
             power: [0.0; LANES],
             floor: [1.0; LANES],
+            is_single: true,
         }
     }
 
@@ -163,6 +166,7 @@ impl Block {
         self.im[lane] = cell.im;
         self.power[lane] = cell.power;
         self.floor[lane] = cell.floor;
+        self.is_single &= cell.lines <= 1.0;
     }
 }
 

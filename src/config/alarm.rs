@@ -57,7 +57,7 @@ pub(super) fn read(table: &mut Table<'_>) -> AlarmSettings {
             default.conflict_sd,
         ),
         confirm: table.integer(
-            key("confirm", "periods or records in a row that raise, and that clear, a condition other than drift"),
+            key("confirm", "periods or records in a row that raise, and that clear, a condition other than drift and suspected"),
             1,
             100,
             default.confirm as u64,

@@ -73,7 +73,10 @@ fn a_replay_killed_again_and_again_ends_as_an_undisturbed_one() {
     let site = crate::site::campaign();
     let (output, code) = site.replay(&["archive"], "whole.db");
     assert_eq!(code, 3, "{}", text(&output.stderr));
-    assert_eq!(site.alarms("whole.db"), ["north drift", "north limit"]);
+    assert_eq!(
+        site.alarms("whole.db"),
+        ["north suspected", "north drift", "north limit"]
+    );
     assert!(site.history("whole.db", "rejections").len() >= 4);
     let whole = site.dump("whole.db");
     for (threads, store) in [("1", "one.db"), ("2", "two.db")] {

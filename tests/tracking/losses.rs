@@ -112,6 +112,39 @@ fn a_loss_while_the_baseline_is_learned_is_told_with_its_second_record() {
 }
 
 #[test]
+fn a_loss_is_suspected_with_its_first_record_and_the_next_one_decides() {
+    // While the baseline is learned, and long after.
+    for (days, first_record) in [(40, 25), (130, 121)] {
+        let calm = Scenario::new(days);
+        let lost = Scenario::new(days).step(first_record as f64 - 0.5, -0.1);
+        let (quiet, loss) = (calm.observations(304), lost.observations(304));
+        let (_, verdicts) = lost.follow(&loss);
+        assert_eq!(
+            first(&verdicts, Kind::Suspected),
+            Some(first_record),
+            "{:?}",
+            raised(&verdicts)
+        );
+        assert_eq!(
+            first(&verdicts, Kind::Drift),
+            Some(first_record + 1),
+            "{:?}",
+            raised(&verdicts)
+        );
+        assert_eq!(cleared(&verdicts, Kind::Suspected), Some(first_record + 1));
+        // One wild record.
+        let mut wild = quiet.clone();
+        wild[first_record].modes.clone_from(&loss[first_record].modes);
+        let (_, verdicts) = calm.follow(&wild);
+        assert_eq!(raised(&verdicts), [(first_record, Kind::Suspected)]);
+        assert_eq!(cleared(&verdicts, Kind::Suspected), Some(first_record + 1));
+        // A rod to which nothing happens.
+        let (_, verdicts) = calm.follow(&quiet);
+        assert_eq!(raised(&verdicts), []);
+    }
+}
+
+#[test]
 fn a_drift_that_grows_after_it_was_acknowledged_is_told_anew() {
     let mut scenario = Scenario::new(230).step(120.5, -0.025).step(170.5, -0.05);
     scenario.alarm.limit_loss = 0.3;

@@ -5,6 +5,7 @@
 mod scenario;
 
 mod alternatives;
+mod late_others;
 mod losses;
 mod months;
 mod relative;

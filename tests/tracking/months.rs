@@ -73,8 +73,8 @@ fn a_large_loss_exceeds_the_limit_too() {
     let scenario = Scenario::new(240).step(200.0, -0.12);
     let (_, verdicts) = scenario.follow(&scenario.observations(13));
     let kinds: Vec<Kind> = raised(&verdicts).into_iter().map(|(_, kind)| kind).collect();
-    // The limit is reported with the second record, the drift at the end of the period.
-    assert_eq!(kinds, [Kind::Limit, Kind::Drift]);
+    // The first record is suspected, the second beyond the limit; the drift comes at the end of the period.
+    assert_eq!(kinds, [Kind::Suspected, Kind::Limit, Kind::Drift]);
 }
 
 #[test]

@@ -334,6 +334,70 @@ fn coverage_campaign() {
     }
 }
 
+/// What modulus and both springs are off by together, in prior standard deviations: the direction that moves all slopes alike.
+fn stiffness(rod: &Rod, prior: &RodPrior) -> f64 {
+    let off = [1, 4, 5].map(|i| match prior.priors()[i] {
+        Prior::TruncatedNormal { mean, sd } => (rod.theta[i] - mean) / sd,
+        _ => 0.0,
+    });
+    off.iter().sum::<f64>() / 3.0_f64.sqrt()
+}
+
+/// Coverage of a loss of 10 % over truths of the prior, all together and by how much stiffer the rod is than the prior says.
+fn by_stiffness(histories: u64, base: u64) -> Vec<(f64, Cell)> {
+    let (prior, change) = (RodPrior::todi(), -0.10_f64);
+    let mut looks: Vec<(f64, Relative)> = (0..histories)
+        .into_par_iter()
+        .map(|h| {
+            let (history, mut generator) = history(&PLAIN, base + h);
+            let u = history.reference + change.ln_1p();
+            let observation = history.rod.observation(1000, u, &PLAIN, &mut generator);
+            (
+                stiffness(&history.rod, &prior),
+                history.shift.relative(&observation, h).unwrap(),
+            )
+        })
+        .collect();
+    looks.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut cells = Vec::new();
+    for share in SHARES.windows(2) {
+        let [from, to] = [share[0], share[1]].map(|share| (share * looks.len() as f64).round() as usize);
+        let mut cell = Cell::default();
+        looks[from..to]
+            .iter()
+            .for_each(|(_, relative)| cell.add(1.0 + change, relative));
+        let middle = looks[from..to].iter().map(|look| look.0).sum::<f64>() / (to - from) as f64;
+        cells.push((middle, cell));
+    }
+    cells
+}
+
+/// Limits of the classes of stiffness, as shares of the prior's rods.
+const SHARES: [f64; 9] = [0.0, 0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98, 1.0];
+
+#[test]
+#[ignore = "campaign: 10000 histories, half a minute; run with --release --ignored --nocapture stiffness_campaign"]
+fn stiffness_campaign() {
+    let cells = by_stiffness(10_000, 90_000_000);
+    for (share, (middle, cell)) in SHARES.windows(2).zip(&cells) {
+        let n = cell.count as f64;
+        println!(
+            "| {:.0} to {:.0} % | {middle:+.2} | {:.1} % of {} | {:+.3} % |",
+            100.0 * share[0],
+            100.0 * share[1],
+            100.0 * cell.coverage(),
+            cell.count,
+            100.0 * cell.error / n,
+        );
+    }
+    let [covered, count] = [|cell: &Cell| cell.covered, |cell: &Cell| cell.count]
+        .map(|of| cells.iter().map(|(_, cell)| of(cell)).sum::<usize>());
+    println!(
+        "| all | | {:.1} % of {count} | |",
+        100.0 * covered as f64 / count as f64
+    );
+}
+
 /// A mass at mid-span, as a share of the rod's: to first order f_n falls by `mass sin^2(n pi / 2)` of itself.
 fn with_mass(observation: &Observation, mass: f64) -> Observation {
     let mut changed = observation.clone();

@@ -322,7 +322,11 @@ fn frequencies_out_of_range_are_told_and_forgotten_without_a_temperature_too() {
     // All modes fell by 45 %: at most 30 % of the force is left.
     assert_eq!(
         raised(&verdicts),
-        [(51, Kind::Limit), (52, Kind::OutsideTraining)]
+        [
+            (50, Kind::Suspected),
+            (51, Kind::Limit),
+            (52, Kind::OutsideTraining)
+        ]
     );
     assert!(told(&verdicts, What::Cleared).contains(&(62, Kind::OutsideTraining)));
 }

@@ -71,7 +71,7 @@ def late_onsets(sized):
 def without_change(name, rods, seconds):
     """One world in which nothing happens to any rod."""
     low, high = CHARTED
-    kinds = ("limit", "not-axial", "sensor", "no-data", "outside-training", "conflict")
+    kinds = ("limit", "suspected", "not-axial", "sensor", "no-data", "outside-training", "conflict")
     drifts = sum(rod.told("drift", low, high) is not None for rod in rods)
     confirmed = sum(any(low <= day < high for day in rod.confirmed) for rod in rods)
     sites = len({rod.site for rod in rods})

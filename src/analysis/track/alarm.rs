@@ -36,14 +36,17 @@ pub enum Kind {
     NoData,
     /// Force or temperature lies outside the learned range.
     OutsideTraining,
+    /// One record shows a loss beyond the limit: the force fell, or the record is wild. The next one decides.
+    Suspected,
 }
 
 impl Kind {
     /// Every kind of alarm.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Drift,
         Self::Common,
         Self::Limit,
+        Self::Suspected,
         Self::NotAxial,
         Self::Conflict,
         Self::Sensor,
@@ -57,6 +60,7 @@ impl Kind {
             Self::Drift => "drift",
             Self::Common => "common",
             Self::Limit => "limit",
+            Self::Suspected => "suspected",
             Self::NotAxial => "not-axial",
             Self::Conflict => "conflict",
             Self::Sensor => "sensor",
@@ -66,7 +70,7 @@ impl Kind {
     }
 
     /// True if the alarm concerns the rod and therefore stays active until acknowledged, even if its
-    /// condition ends; alarms about the measurement end with their condition.
+    /// condition ends; alarms about the measurement, or about one record, end with their condition.
     pub fn is_latched(self) -> bool {
         matches!(self, Self::Drift | Self::Common | Self::Limit | Self::NotAxial)
     }

@@ -2,6 +2,7 @@
 
 mod bend;
 mod shift;
+mod spread;
 
 use super::baseline::levels::{self, LEAST_LOG_SD};
 use super::baseline::{Baseline, BaselineMode};
@@ -10,6 +11,7 @@ use super::relative::bend::Bend;
 use super::relative::shift::{
     Draws, HIGH, LANES, LOW, Lanes, Polynomials, Proposal, Seen, TERMS, mean_and_slope,
 };
+use super::relative::spread::Spread;
 use crate::inference::Marginal;
 use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
 use nalgebra::{DMatrix, DVector};
@@ -26,6 +28,10 @@ const NARROW: f64 = 0.1;
 
 /// Standard errors that an estimate must stay away from the ends of the range.
 const SAFE: f64 = 5.0;
+
+/// Range of N_t / N_0 - 1 within which a change is one of force.
+const LEAST_RATIO: f64 = -0.9;
+const MOST_RATIO: f64 = 10.0;
 
 /// Most steps of the common estimate, and the step that ends them.
 const STEPS: usize = 30;
@@ -138,6 +144,8 @@ pub struct Shift {
     polynomials: Polynomials,
     /// The mean polynomial of each mode.
     means: Vec<[f64; TERMS]>,
+    /// Scatter of the particles' shifts.
+    spread: Spread,
     /// Standard normals spread evenly over all draws and within each particle's, and the shares they are
     /// quantiles of.
     normals: Vec<Lanes>,
@@ -169,12 +177,14 @@ impl Shift {
             .iter()
             .map(|place| baseline.particles[place * width])
             .collect();
+        let means = polynomials.means(places.len());
         Self {
             modes: baseline.modes.clone(),
             overdispersion: baseline.overdispersion,
             log_forces: forces.iter().map(|force| libm::log(*force)).collect(),
             forces,
-            means: polynomials.means(places.len()),
+            spread: Spread::new(&polynomials, places.len(), &means),
+            means,
             normals: shares.iter().map(|lanes| lanes.map(normal_quantile)).collect(),
             shares,
             polynomials,
@@ -206,34 +216,36 @@ impl Shift {
         Some(self.modes[mode].log_frequency + mean_and_slope(&self.means[mode], u).0)
     }
 
-    /// Standard deviation of u that the particles' different slopes leave, however many records show that the
-    /// force changed to u: the least width of a change's interval.
-    pub(super) fn static_sd(&self, u: f64) -> f64 {
-        let count = self.modes.len();
-        if count == 0 || self.log_forces.is_empty() {
+    /// Standard deviation of N_t / N_0 that the particles' different slopes leave, however many records show that it went from 1 +
+    /// `before` to 1 + `now`: the least width of a change's interval. What moved the force to where it was is learned in the same
+    /// units and makes no error.
+    pub(super) fn static_sd(&self, before: f64, now: f64) -> f64 {
+        if self.modes.is_empty() || self.log_forces.is_empty() {
             return 0.0;
         }
-        let u = u.clamp(LOW, HIGH);
-        let chosen: Vec<usize> = (0..count).collect();
-        let particles = self.log_forces.len() as f64;
-        let (sums, products) = self.polynomials.moments(self.log_forces.len(), &chosen, u);
-        let slopes = chosen.iter().map(|mode| mean_and_slope(&self.means[*mode], u).1);
-        // The weights with which the modes' shifts make up u.
-        let (mut weights, mut information) = (Vec::with_capacity(count), 0.0);
-        for (mode, slope) in self.modes.iter().zip(slopes) {
-            let precision = mode.log_sd.max(LEAST_LOG_SD).powi(-2);
-            weights.push(precision * slope);
-            information += precision * slope * slope;
-        }
-        let mut variance = 0.0;
-        for a in 0..count {
-            for b in 0..count {
-                let shared =
-                    products[a * count + b] / particles - sums[a] * sums[b] / (particles * particles);
-                variance += weights[a] * weights[b] * shared;
-            }
-        }
-        variance.max(0.0).sqrt() / information
+        let terms: Vec<_> = [(-1.0, before), (1.0, now)]
+            .into_iter()
+            .flat_map(|(sign, ratio)| {
+                let ratio: f64 = ratio.clamp(LEAST_RATIO, MOST_RATIO);
+                let u = libm::log1p(ratio).clamp(LOW, HIGH);
+                // The weights with which the modes' shifts make up the ratio.
+                let slopes = self.means.iter().map(|mean| mean_and_slope(mean, u).1);
+                let precision = |mode: &BaselineMode| mode.log_sd.max(LEAST_LOG_SD).powi(-2);
+                let weights: Vec<(f64, f64)> = self
+                    .modes
+                    .iter()
+                    .zip(slopes)
+                    .map(|(mode, slope)| (precision(mode) * slope, slope))
+                    .collect();
+                let information: f64 = weights.iter().map(|(weight, slope)| weight * slope).sum();
+                let share = sign * (1.0 + ratio) / information;
+                weights
+                    .into_iter()
+                    .enumerate()
+                    .map(move |(mode, (weight, _))| (share * weight, (mode, u)))
+            })
+            .collect();
+        self.spread.sd_of(&terms)
     }
 
     /// The relative force of one record. The posterior of (i, u) is, with particles of equal weight and a flat prior of u,
@@ -438,10 +450,8 @@ impl Shift {
             return (0.0, 0);
         }
         let delta = delta.clamp(LOW, HIGH);
-        let (means, products) = self.polynomials.moments(self.log_forces.len(), modes, delta);
-        let particles = self.log_forces.len() as f64;
         let covariance = DMatrix::from_fn(count, count, |a, b| {
-            let shared = products[a * count + b] / particles - means[a] * means[b] / (particles * particles);
+            let shared = self.spread.between((modes[a], delta), (modes[b], delta));
             shared + if a == b { variances[a] } else { 0.0 }
         });
         let Some(factor) = covariance.cholesky() else {

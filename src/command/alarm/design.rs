@@ -1,6 +1,7 @@
 //! `tirante alarm design`: false-alarm rate, delays by simulation of this rod, and the smallest change
 //! detected.
 
+use super::stiffer::Stiffer;
 use crate::analysis::lab::synthesis::{Outlook, Told, Tried, World};
 use crate::analysis::numerics::random;
 use crate::analysis::rod::beam::Exact;
@@ -103,7 +104,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let centre = prior.centre();
     let fixed_per_k =
         prior.parameterisation().axial_rigidity(&centre) * config.track.expansion_per_k / centre[0];
-    let promise = Promise::new(args, rod.analysis.rod.0.clone(), &config, expected, fixed_per_k)?;
+    let mut promise = Promise::new(args, rod.analysis.rod.0.clone(), &config, expected, fixed_per_k)?;
+    promise.stiffer = Stiffer::of(rod, &config, rod.analysis.modes.count, args.frequency_sd);
     if args.output.is_json() {
         print(format!("{}\n", serde_json::to_string(&promise)?).as_bytes())
     } else {
@@ -174,6 +176,8 @@ struct Promise {
     false_alarm_probability_per_year: f64,
     delays: Vec<DelayLine>,
     least: Vec<LeastLine>,
+    /// What a loss reads as if the rod is stiffer than its prior in everything.
+    stiffer: Option<Stiffer>,
 }
 
 #[derive(Debug, Clone, Serialize)]
@@ -291,6 +295,7 @@ impl Promise {
             false_alarm_probability_per_year: alarm.arl0_years.recip().min(1.0),
             delays,
             least,
+            stiffer: None,
         })
     }
 
@@ -383,6 +388,9 @@ impl Promise {
             }
         }
         writeln!(out)?;
+        if let Some(stiffer) = &self.stiffer {
+            writeln!(out, "\n{}", stiffer.sentence())?;
+        }
         Ok(out)
     }
 }

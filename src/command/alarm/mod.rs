@@ -3,6 +3,7 @@
 
 mod design;
 mod prove;
+mod stiffer;
 mod test;
 
 use std::process::ExitCode;

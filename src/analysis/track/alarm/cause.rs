@@ -28,13 +28,16 @@ pub enum Cause {
     OutsideRange,
     /// The temperature is far outside the learned range.
     Unlearned,
+    /// One record by itself shows a loss beyond the limit.
+    Suspicion,
 }
 
 impl Cause {
     /// Every cause.
-    const ALL: [Self; 10] = [
+    const ALL: [Self; 11] = [
         Self::Limit,
         Self::Loss,
+        Self::Suspicion,
         Self::Change,
         Self::Misfit,
         Self::Pattern,
@@ -49,6 +52,7 @@ impl Cause {
     pub fn kind(self) -> Kind {
         match self {
             Self::Limit | Self::Loss => Kind::Limit,
+            Self::Suspicion => Kind::Suspected,
             Self::Change => Kind::Drift,
             Self::Misfit | Self::Pattern => Kind::NotAxial,
             Self::Conflict => Kind::Conflict,

@@ -11,6 +11,7 @@
 //! distributed ones.
 
 use super::unread::{self, Covariance};
+use crate::signal::record::{Reading, Timestamp};
 use serde::{Deserialize, Serialize};
 
 /// Time constants of the filters \[d\].
@@ -55,6 +56,15 @@ pub struct Filters {
 }
 
 impl Filters {
+    /// A copy moved on along readings, ascending in time, up to a time.
+    pub fn advanced(&self, readings: &[Reading], until: Timestamp) -> Self {
+        let mut filters = self.clone();
+        for reading in readings.iter().take_while(|reading| reading.time <= until) {
+            filters.push(reading.time.days(), reading.celsius);
+        }
+        filters
+    }
+
     /// Takes a reading; one that is not finite, or not later than the last, is left out.
     ///
     /// The first reading starts every filter at its own value. After a hole longer than a day and a half and three time

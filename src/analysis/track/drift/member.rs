@@ -236,14 +236,15 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// x'P x over the first `count` entries.
+#[inline(always)]
 pub(super) fn quadratic(cov: &[f64], x: &[f64], count: usize) -> f64 {
     let mut sum = 0.0;
+    let mut left = cov;
     for row in 0..count {
-        let at = place(x.len(), row, row);
-        sum += x[row] * x[row] * cov[at];
-        for column in row + 1..count {
-            sum += 2.0 * x[row] * x[column] * cov[at + column - row];
-        }
+        let (entries, rest) = left.split_at(x.len() - row);
+        left = rest;
+        let beside = dot(&entries[1..count - row], &x[row + 1..count]);
+        sum += x[row] * (x[row] * entries[0] + 2.0 * beside);
     }
     sum.max(0.0)
 }

@@ -8,6 +8,9 @@ use std::fmt::Debug;
 /// each, with 300 six and three. Losses of 1 % were detected as soon.
 pub(crate) const MOVING: f64 = 50.0;
 
+/// Deviation of a record that was not taken yet, in standard deviations, from which it may show the movement of another rod.
+const DEVIATING_SD: f64 = 2.0;
+
 /// Least share of the size expected from another rod's change that moves with it: less is a fluctuation of its own.
 const SHARED: f64 = 0.3;
 /// Most and least credible ratio of the slopes by which two rods follow a temperature.
@@ -33,6 +36,22 @@ impl Movement {
         let ratio = slopes.map_or(1.0, |(own, other)| (other / own).clamp(least, most));
         other.size() / self.size > SHARED * if ratio.is_nan() { 1.0 } else { ratio }
     }
+
+    /// True if another rod's watch shows evidence of this movement.
+    fn shows_in(&self, other: &dyn Neighbour) -> bool {
+        let since = Some(self.since);
+        other.evidence(since) > MOVING && other.evidence_alone(since) > MOVING && self.is_shared_by(other)
+    }
+
+    /// True if a record of another rod that its watch has not taken yet lies off in the direction of this movement.
+    fn begins_in(&self, other: &dyn Neighbour) -> bool {
+        let slopes = self.slope_per_k.zip(other.slope_per_k());
+        let direction = slopes.map_or(1.0, |(own, other)| (own * other).signum());
+        let toward = direction * self.size.signum();
+        other
+            .untaken_residual()
+            .is_some_and(|residual| residual * toward > DEVIATING_SD)
+    }
 }
 
 /// Another rod of the site at one moment of event time.
@@ -42,6 +61,10 @@ pub trait Neighbour: Debug + Sync {
 
     /// N_t / N_0 - 1 in a period, closed or still open; `None` if the rod was not measured in it.
     fn ratio_in(&self, index: i64, period_s: f64) -> Option<f64>;
+
+    /// Deviation of its latest record that the watch has not taken yet from what its temperature predicted, in standard deviations;
+    /// `None` without such a record, or without a temperature.
+    fn untaken_residual(&self) -> Option<f64>;
 
     /// Number of the last period that ended; `None` before the first.
     fn last_period(&self) -> Option<i64>;
@@ -104,13 +127,28 @@ impl<'a> Others<'a> {
 
     /// Number of them that show evidence of the same movement, or were reported to have moved together.
     pub(crate) fn moving(&self, index: i64, movement: &Movement) -> usize {
-        let since = Some(movement.since);
-        let shows = |rod: &dyn Neighbour| {
-            rod.evidence(since) > MOVING && rod.evidence_alone(since) > MOVING && movement.is_shared_by(rod)
-        };
+        self.moving_if(index, |rod| movement.shows_in(rod))
+    }
+
+    fn moving_if(&self, index: i64, moves: impl Fn(&dyn Neighbour) -> bool) -> usize {
         self.followed(index)
-            .filter(|rod| (!rod.is_confirmed() && shows(*rod)) || rod.has_moved_with_others())
+            .filter(|rod| (!rod.is_confirmed() && moves(*rod)) || rod.has_moved_with_others())
             .count()
+    }
+
+    /// True while fewer than half of those that are followed have been measured in a period.
+    pub(crate) fn are_late(&self, index: i64, period_s: f64) -> bool {
+        let (mut followed, mut measured) = (0, 0);
+        for rod in self.followed(index) {
+            followed += 1;
+            measured += usize::from(rod.ratio_in(index, period_s).is_some());
+        }
+        2 * measured < followed
+    }
+
+    /// Number of them that show the same movement, those counted whose records their watches have not taken yet.
+    pub(crate) fn moving_so_far(&self, index: i64, movement: &Movement) -> usize {
+        self.moving_if(index, |rod| movement.shows_in(rod) || movement.begins_in(rod))
     }
 
     /// True if one of those in the median shows evidence of a larger change than this one, no older, that moves it: what is taken off a

@@ -35,6 +35,9 @@ impl Neighbour for Rod {
     fn ratio_in(&self, _: i64, _: f64) -> Option<f64> {
         self.ratio
     }
+    fn untaken_residual(&self) -> Option<f64> {
+        None
+    }
     fn last_period(&self) -> Option<i64> {
         Some(self.index)
     }

@@ -23,7 +23,7 @@ pub use finding::Witness;
 
 use super::companions;
 use super::compensated::Compensated;
-use super::others::{MOVING, Others};
+use super::others::Others;
 use super::period::{Charted, Evidence, Period};
 use super::{BankPrior, Companions, Detector, Law, Regressors, Seen, ThermalPrior};
 use finding::Above;
@@ -35,6 +35,9 @@ const MOST_EVIDENCE: f64 = 1e12;
 /// Periods between true changes of one rod, in periods between its false alarms: a change that the other rods confirm, and that is
 /// taken off their median, must be as much more certain than an alarm.
 const RARER: f64 = 10.0;
+
+/// R above which a detector has some evidence of a change: one period by itself, whose part in R is bounded, reaches 60.
+const BEGUN: f64 = 25.0;
 
 /// Most periods with evidence of a change that a detector leaves to one that stands in for it.
 const SUSPICIOUS_PERIODS: u8 = 3;
@@ -85,6 +88,9 @@ pub struct DriftWatch {
     last: Sources,
     /// Detectors above their limit after the last period.
     above: Above,
+    /// True in a look ahead in which the detector by temperature stands in for the other rods.
+    #[serde(skip)]
+    are_others_late: bool,
 }
 
 /// Mean time \[d\] of the last period that a detector took with little evidence of a change afterwards, or of one soon after it: what
@@ -100,7 +106,7 @@ impl Looked {
     /// Takes a period after which a detector has some evidence of a change since.
     fn note(&mut self, measured: f64, detector: Option<&Detector>) {
         let Some(detector) = detector else { return };
-        let is_suspicious = detector.statistic_since(self.until) > MOVING;
+        let is_suspicious = detector.statistic_since(self.until) > BEGUN;
         if is_suspicious && self.suspicious < SUSPICIOUS_PERIODS {
             self.suspicious += 1;
         } else {
@@ -137,6 +143,7 @@ impl DriftWatch {
             has_joined: false,
             last: Sources::default(),
             above: Above::default(),
+            are_others_late: false,
         }
     }
 
@@ -199,7 +206,7 @@ impl DriftWatch {
             let seen = seen(period, &columns, alone.knows_temperature);
             let by_temperature = alone.detector.step(&seen);
             self.last.alone = by_temperature.is_some();
-            if self.without_others > companions::PATIENCE {
+            if self.are_others_late || self.without_others > companions::PATIENCE {
                 self.last.temperature |= by_temperature.is_some();
                 law = law.or(by_temperature);
             }
@@ -303,6 +310,13 @@ impl DriftWatch {
     /// Notes that a detector with the other rods, which is not there any more, looked until a time \[d\].
     pub(crate) fn looked_beside_others(&mut self, until: f64) {
         self.by_both_until.until = Some(until);
+    }
+
+    /// In a look ahead at a period, lets the detector by temperature stand in for the other rods, most of which have not been measured yet:
+    /// they did have their say on the period before, and left evidence of a change.
+    pub(crate) fn stand_in_for_late(&mut self, others: &Others, index: i64, period_s: f64) {
+        let has_begun = self.by_both_until.suspicious > 0;
+        self.are_others_late = has_begun && self.has_witnesses() && others.are_late(index, period_s);
     }
 
     /// Restarts after a change that ended: the effect of temperature stays known.

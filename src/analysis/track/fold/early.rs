@@ -5,7 +5,7 @@
 //! is there. Both are dropped then: the baseline's own watch begins with its first record. A sudden large loss is a `limit` from
 //! single records, as later.
 
-use super::loss::Loss;
+use super::loss::{Loss, Shown};
 use super::monitor::{change_told, is_suspect};
 use super::packed::Packed;
 use super::plan::TrackPlan;
@@ -19,7 +19,7 @@ use crate::track::drift::period::{self, Pending};
 use crate::track::drift::watch::{DriftWatch, Finding, Witness};
 use crate::track::drift::{Filters, Law};
 use crate::track::observation::Observation;
-use crate::track::relative::{NoRelative, Shift};
+use crate::track::relative::{NoRelative, Relative, Shift};
 use serde::{Deserialize, Serialize};
 
 /// Number of records of the provisional baseline.
@@ -49,8 +49,15 @@ type Found = (Change, Witness);
 
 /// One record against the provisional baseline.
 enum Taken {
-    /// Its ratio N_t / N_0 - 1, and the law by which the records before predicted it.
-    Within(f64, Option<Law>),
+    /// Within the prepared range.
+    Within {
+        /// N_t / N_0 - 1.
+        ratio: f64,
+        /// Law by which the records before predicted it by themselves.
+        alone: Option<Law>,
+        /// Its loss by its temperature.
+        by_temperature: Option<Loss>,
+    },
     /// Beyond the prepared range, with the bound of its loss.
     Beyond(Option<Loss>),
     /// Without a mode of the baseline.
@@ -100,20 +107,39 @@ impl EarlyWatch {
             None
         };
         let ratio = relative.ratio.mean - 1.0;
-        let law = (self.watch.get())
+        let alone = (self.watch.get())
             .and_then(|watch| watch.blind_law(observation.start.days(), ratio, relative.ratio.sd))
             .map(|law| Law {
                 sd: law.sd.hypot(self.weather_sd(plan, shift)),
                 ..law
             });
+        let by_temperature = self.loss_by_temperature(observation, &relative, readings);
         self.open.push(Pending::new(observation, &relative));
-        (Taken::Within(ratio, law), found)
+        let taken = Taken::Within {
+            ratio,
+            alone,
+            by_temperature,
+        };
+        (taken, found)
     }
 
     /// The change that the end of the open period would show, if one is suspected. Nothing moves on.
     fn ahead(&self, plan: &TrackPlan, shift: &Shift, readings: &[Reading]) -> Option<Found> {
         let mut ahead = Some(self).filter(|early| early.is_suspect)?.clone();
         ahead.close(plan, shift, readings)
+    }
+
+    /// Loss of a record by its temperature; `None` without one.
+    fn loss_by_temperature(
+        &self,
+        observation: &Observation,
+        relative: &Relative,
+        readings: &[Reading],
+    ) -> Option<Loss> {
+        let pending = Pending::new(observation, relative);
+        let filters = self.filters.advanced(readings, pending.end);
+        let law = self.watch.get()?.law_by_temperature(&pending, &filters)?;
+        Some(Loss::from_law(pending.delta, &law))
     }
 
     /// Standard deviation of the ratio by weather, before the rod has shown its own: a calm week teaches too little.
@@ -164,8 +190,8 @@ impl EarlyWatch {
 }
 
 impl Tracker {
-    /// Passes the latest observation that waits for the baseline to the early watch.
-    pub(crate) fn watch_early(&mut self, time: Timestamp) {
+    /// Passes the latest observation that waits for the baseline to the early watch; returns the loss that it shows by itself.
+    pub(crate) fn watch_early(&mut self, time: Timestamp) -> Option<Shown> {
         let segment = self.state.segment.number;
         let waiting = self.state.learning.len();
         // Records that were withdrawn take the provisional baseline with them; a watch that cannot be read any more is made anew
@@ -181,17 +207,15 @@ impl Tracker {
             self.end_early();
         }
         if waiting < RECORDS {
-            return;
+            return None;
         }
         if self.state.early.is_none() {
             let Ok((baseline, _)) = self.plan.learn(&self.state.learning[..RECORDS], segment) else {
-                return;
+                return None;
             };
             self.state.early = Some(EarlyWatch::new(baseline));
         }
-        let Some(mut early) = self.state.early.take() else {
-            return;
-        };
+        let mut early = self.state.early.take()?;
         if self.early_shift.is_none() {
             self.early_shift = Some(self.plan.shift(&early.baseline));
         }
@@ -208,11 +232,24 @@ impl Tracker {
             }
         }
         self.state.early = Some(early);
-        match last {
-            Some(Taken::Within(ratio, law)) => self.look_at_loss(ratio, law, None, time),
-            Some(Taken::Beyond(bound)) => self.look_at_bound(bound, time),
-            Some(Taken::Without) | None => {}
-        }
+        let shown = match last {
+            Some(Taken::Within {
+                ratio,
+                alone,
+                by_temperature,
+            }) => {
+                self.look_at_loss(ratio, alone, None, time);
+                alone.map(|law| {
+                    let loss = by_temperature.unwrap_or_else(|| Loss::from_law(ratio, &law));
+                    Shown::within(loss, ratio, &law, self.plan.alarm.limit_loss)
+                })
+            }
+            Some(Taken::Beyond(bound)) => {
+                self.look_at_bound(bound, time);
+                bound.map(Shown::bound)
+            }
+            Some(Taken::Without) | None => None,
+        };
         if let Some((change, witness)) = found {
             let message = message(&change);
             let known = Known {
@@ -222,6 +259,7 @@ impl Tracker {
             };
             self.on_board(|board| board.raise(Kind::Drift, time, message, known));
         }
+        shown
     }
 
     /// Drops the early watch: its baseline is there, or could not be learned.

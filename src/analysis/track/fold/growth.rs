@@ -75,7 +75,7 @@ pub(super) fn change_since_told(tracker: &Tracker, told: Option<&Change>) -> Opt
     let periods = &tracker.state.periods;
     let last = periods.len().saturating_sub(tracker.plan.alarm.confirm.max(1));
     // The static parameters make all sizes wrong alike: the other errors decide.
-    let by_parameters = static_sd(tracker.shift.as_ref(), change.size.mean);
+    let by_parameters = static_sd(tracker.shift.as_ref(), 0.0, change.size.mean);
     let own_variance = (change.size.sd.powi(2) - by_parameters.powi(2)).max(0.0);
     let differs = |period: &Period| {
         let charted = period.charted.as_ref();
@@ -99,7 +99,7 @@ pub(super) fn change_since_told(tracker: &Tracker, told: Option<&Change>) -> Opt
 fn at_reference(tracker: &Tracker, period: &Period) -> Option<Interval> {
     let charted = period.charted?;
     let (change, sd) = (charted.at_reference?, charted.at_reference_sd?);
-    let by_parameters = static_sd(tracker.shift.as_ref(), change);
+    let by_parameters = static_sd(tracker.shift.as_ref(), period.delta - change, period.delta);
     Some(Interval::normal(change, sd.hypot(by_parameters)))
 }
 

@@ -1,6 +1,6 @@
 //! Intake of one identified record: doubted, set aside, kept for the baseline, or added to its period.
 
-use super::loss::Loss;
+use super::loss::{Loss, Shown};
 use super::state::{Opening, State};
 use super::tracker::Tracker;
 use super::verdict::{SetAside, Verdict};
@@ -65,15 +65,16 @@ impl Tracker {
         self.believe(observation);
         self.keep_readings(&observation.readings);
         self.look_at_conflict(observation);
-        if self.shift.is_none() {
+        let shown = if self.shift.is_none() {
             self.usable(observation);
-            self.wait_for_baseline(observation);
+            self.wait_for_baseline(observation)
         } else {
-            self.take_relative(observation, verdict);
-        }
+            self.take_relative(observation, verdict)
+        };
         verdict.closed = self.close_periods(others);
         let time = self.known_at(observation.start);
         monitor::tell_ahead(self, others, time);
+        self.look_at_suspicion(shown, time);
     }
 
     fn set_aside(&mut self, aside: SetAside, reason: &str, observation: &Observation, verdict: &mut Verdict) {
@@ -103,6 +104,7 @@ impl Tracker {
         // A baseline with such a hole is none; most likely the clock was wrong before.
         if self.shift.is_none() && latest.is_some_and(|latest| time.seconds_since(latest) > JUMP_S) {
             self.state.learning.clear();
+            self.drop_suspicion(time);
         }
         self.state.latest = Some(time);
     }
@@ -128,7 +130,8 @@ impl Tracker {
         }
     }
 
-    fn take_relative(&mut self, observation: &Observation, verdict: &mut Verdict) {
+    /// Compares a record with the baseline; returns the loss that it shows by itself.
+    fn take_relative(&mut self, observation: &Observation, verdict: &mut Verdict) -> Option<Shown> {
         match self.relative(observation) {
             Some(Ok(relative)) => {
                 verdict.at_reference = reference::of_record(self, observation, &relative);
@@ -142,10 +145,26 @@ impl Tracker {
                         watch.blind_law(observation.start.days(), ratio, relative.ratio.sd)
                     });
                 let time = self.known_at(observation.start);
-                self.look_at_loss(ratio, law, verdict.at_reference.as_ref(), time);
-                self.await_period(Pending::new(observation, &relative));
+                let at_reference = verdict.at_reference.as_ref();
+                let pending = Pending::new(observation, &relative);
+                let shown = law.as_ref().map(|law| {
+                    let known = || at_reference.map(Loss::at_reference);
+                    let predicted = || {
+                        self.state
+                            .thermal_law(&pending)
+                            .as_ref()
+                            .map(|law| Loss::from_law(ratio, law))
+                    };
+                    let loss = known()
+                        .or_else(predicted)
+                        .unwrap_or_else(|| Loss::from_law(ratio, law));
+                    Shown::within(loss, ratio, law, self.plan.alarm.limit_loss)
+                });
+                self.look_at_loss(ratio, law, at_reference, time);
+                self.await_period(pending);
                 verdict.relative = Some(relative);
                 self.usable(observation);
+                shown
             }
             Some(Err(NoRelative::OutsideRange)) => {
                 verdict.set_aside = Some(SetAside::OutsideRange);
@@ -158,12 +177,14 @@ impl Tracker {
                      supports or the channel changed"
                         .to_owned()
                 });
+                loss.map(Shown::bound)
             }
             Some(Err(NoRelative::NoCommonMode)) => {
                 let reason = "none of its modes is in the baseline";
                 self.set_aside(SetAside::NoCommonMode, reason, observation, verdict);
+                None
             }
-            None => {}
+            None => None,
         }
     }
 
@@ -228,8 +249,8 @@ impl Tracker {
     }
 
     /// Adds an observation to those that wait for the baseline, and learns it when there are enough and none
-    /// can come late any more.
-    fn wait_for_baseline(&mut self, observation: &Observation) {
+    /// can come late any more. Returns the loss that the record shows by itself.
+    fn wait_for_baseline(&mut self, observation: &Observation) -> Option<Shown> {
         let state = &mut self.state;
         let at = state
             .learning
@@ -244,18 +265,18 @@ impl Tracker {
                 ..*observation
             },
         );
-        self.watch_early(self.known_at(observation.start));
+        let shown = self.watch_early(self.known_at(observation.start));
         let state = &mut self.state;
         let wanted = self.plan.track.baseline_records;
         let Some(last) = wanted.checked_sub(1).and_then(|last| state.learning.get(last)) else {
-            return;
+            return shown;
         };
         let window_s = self.plan.track.reorder_window_s;
         if state
             .latest
             .is_none_or(|latest| latest.seconds_since(last.start) < window_s)
         {
-            return;
+            return shown;
         }
         match self.plan.learn(&state.learning[..wanted], state.segment.number) {
             Ok((baseline, left_out)) => {
@@ -283,8 +304,11 @@ impl Tracker {
                 state.learning.drain(..wanted.div_ceil(2));
                 state.before = None;
                 self.end_early();
+                self.drop_suspicion(self.known_at(observation.start));
+                return None;
             }
         }
+        shown
     }
 
     fn await_period(&mut self, pending: Pending) {

@@ -12,7 +12,7 @@
 use super::tracker::Tracker;
 use super::verdict::AtReference;
 use crate::signal::record::Timestamp;
-use crate::track::alarm::Cause;
+use crate::track::alarm::{Cause, Kind};
 use crate::track::baseline::Baseline;
 use crate::track::drift::Law;
 use crate::track::drift::watch::DriftWatch;
@@ -40,6 +40,31 @@ pub(crate) struct Loss {
     pub mean: f64,
     /// Standard deviation.
     pub sd: f64,
+}
+
+/// What one record shows of a loss.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Shown {
+    /// The loss, with what is known of temperature taken off.
+    loss: Loss,
+    /// True if the frequencies themselves fell by as much as the limit; `None` of a bound, which asks for no temperature.
+    fall: Option<bool>,
+}
+
+impl Shown {
+    /// Of a record of this ratio, N_t / N_0 - 1, that the rod's own records predicted by a law.
+    pub fn within(loss: Loss, ratio: f64, law: &Law, limit: f64) -> Self {
+        let fall = Loss::from_law(ratio, law).mean > limit;
+        Self {
+            loss,
+            fall: Some(fall),
+        }
+    }
+
+    /// Of a record beyond the prepared range.
+    pub fn bound(loss: Loss) -> Self {
+        Self { loss, fall: None }
+    }
 }
 
 /// Law of a rod's ratio before the first record of a loss.
@@ -80,7 +105,15 @@ impl Loss {
         self.mean <= limit.max(FALLEN_SD * self.sd)
     }
 
-    fn at_reference(at_reference: &AtReference) -> Self {
+    /// The loss of a record of this ratio, N_t / N_0 - 1, that was predicted by a law.
+    pub fn from_law(ratio: f64, law: &Law) -> Self {
+        Self {
+            mean: law.mean - ratio,
+            sd: law.sd,
+        }
+    }
+
+    pub fn at_reference(at_reference: &AtReference) -> Self {
         Self {
             mean: 1.0 - at_reference.ratio.mean,
             sd: at_reference.ratio.sd,
@@ -166,6 +199,49 @@ impl Tracker {
         let Some(loss) = bound else { return };
         let holds = loss.exceeds(self.plan.alarm.limit_loss).then_some(true);
         self.find_loss(holds, loss, time);
+    }
+
+    /// Checks a record that by itself shows a loss beyond the limit: one may be wild, so that nothing is decided by it, but nobody should
+    /// wait for the next one without knowing. What is told already is nothing to suspect. A bound below the limit does not end it.
+    pub(super) fn look_at_suspicion(&mut self, shown: Option<Shown>, time: Timestamp) {
+        let Some(Shown { loss, fall }) = shown else { return };
+        let limit = self.plan.alarm.limit_loss;
+        let told = self.loss_told();
+        // A thermometer that jumped moves no frequency.
+        let fell = fall != Some(false);
+        let holds = fell && told.is_some_and(|told| loss.mean - told - CERTAIN_SD * loss.sd > limit);
+        let holds = (holds || fall.is_some() || told.is_none()).then_some(holds);
+        self.look(Cause::Suspicion, holds, time, || {
+            format!(
+                "one record shows a loss of axial force of {:.1} ± {:.1} %, beyond the limit of {:.1} %: the force fell, or the record \
+                 or the thermometer is wild; the next records decide",
+                100.0 * loss.mean,
+                100.0 * loss.sd,
+                100.0 * limit
+            )
+        });
+    }
+
+    /// The loss that alarms have told; `None` under a `limit`, beyond which there is nothing to tell.
+    fn loss_told(&self) -> Option<f64> {
+        let mut told: f64 = 0.0;
+        for alarm in (self.state.alarms.iter()).filter(|alarm| alarm.cleared.is_none()) {
+            match alarm.kind {
+                Kind::Limit => return None,
+                kind if kind.is_latched() => {
+                    let size = alarm.change.as_ref().map(|change| change.size.mean);
+                    let stands = self.state.watch.get().map(DriftWatch::size);
+                    told = told.max(-size.unwrap_or(0.0)).max(-stands.unwrap_or(0.0));
+                }
+                _ => {}
+            }
+        }
+        Some(told)
+    }
+
+    /// Ends a suspicion with the records that it came from.
+    pub(super) fn drop_suspicion(&mut self, time: Timestamp) {
+        self.look(Cause::Suspicion, Some(false), time, String::new);
     }
 
     fn find_loss(&mut self, holds: Option<bool>, loss: Loss, time: Timestamp) {

@@ -78,6 +78,12 @@ pub(crate) fn tell_ahead(tracker: &mut Tracker, others: &Others, time: Timestamp
     let mut ahead = tracker.clone();
     (ahead.shift, ahead.state.periods) = (shift, periods);
     if let Some(mut period) = ahead.take_period() {
+        // One reading a day tells too little by itself.
+        if !ahead.state.filters.is_sparse()
+            && let Some(watch) = ahead.state.watch.get_mut()
+        {
+            watch.stand_in_for_late(others, period.index, tracker.plan.track.period_s);
+        }
         watch(&mut ahead, &mut period, others);
         look_at_finding(&mut ahead, &period, others, time);
     }
@@ -334,9 +340,11 @@ fn look_at_limit(tracker: &mut Tracker, period: &Period, others: &Others, time: 
     let seems_common = |watch: &&DriftWatch| matches!(found(watch), Finding::Common | Finding::Waiting);
     let common = watch.filter(seems_common).map_or(0.0, |watch| watch.size().abs());
     let common = common.max(tracker.state.common_size());
-    let sd = charted_sd
-        .hypot(common)
-        .hypot(static_sd(tracker.shift.as_ref(), change));
+    let sd = charted_sd.hypot(common).hypot(static_sd(
+        tracker.shift.as_ref(),
+        period.delta - change,
+        period.delta,
+    ));
     let probability = Normal::standard().cdf((-limit - change) / sd);
     let proviso = if common > 0.0 {
         "; the rods of the site moved together: a wrong thermometer looks the same"
@@ -446,19 +454,17 @@ pub(crate) fn change_now(tracker: &Tracker) -> Option<Change> {
 pub(crate) fn change_told(watch: &DriftWatch, shift: Option<&Shift>) -> Option<Change> {
     let change = watch.change()?;
     // The ratio of a change of force to one of frequencies stays uncertain with any number of periods.
-    let size = change.size.clamp(-0.9, 10.0);
-    let share = if size == 0.0 {
+    let share = if change.size == 0.0 {
         0.0
     } else {
-        static_sd(shift, size) / size.abs()
+        static_sd(shift, 0.0, change.size) / change.size.abs()
     };
     Some(Change::told(&change, share))
 }
 
-/// Standard deviation of a change of force by the uncertainty of the static parameters, as a share of the force.
-pub(super) fn static_sd(shift: Option<&Shift>, change: f64) -> f64 {
-    let change = change.clamp(-0.9, 10.0);
-    shift.map_or(0.0, |shift| (1.0 + change) * shift.static_sd(libm::log1p(change)))
+/// Standard deviation of a change of N_t / N_0 - 1 by the uncertainty of the static parameters.
+pub(super) fn static_sd(shift: Option<&Shift>, before: f64, now: f64) -> f64 {
+    shift.map_or(0.0, |shift| shift.static_sd(before, now))
 }
 
 /// One sentence about a drift: as a fact where the modes leave no other kind of change, as one of several explanations where they do.

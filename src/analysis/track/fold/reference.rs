@@ -14,11 +14,7 @@ const TAIL_SD: f64 = 1.959_964;
 
 /// Low passes up to a time, those of the last closed period, updated with the readings since.
 pub(crate) fn filters_until(state: &State, time: Timestamp) -> Filters {
-    let mut filters = state.filters.clone();
-    for reading in state.readings.iter().take_while(|reading| reading.time <= time) {
-        filters.push(reading.time.days(), reading.celsius);
-    }
-    filters
+    state.filters.advanced(&state.readings, time)
 }
 
 /// Force and relative force of one record at the reference temperature; `None` while it is unknown.
@@ -33,45 +29,37 @@ pub(crate) fn of_record(
     let end = observation.start.plus_seconds(observation.duration_s);
     let filters = filters_until(state, end);
     let filtered = filters.at(end.days())?;
-    let ratio = &relative.ratio;
-    let measured = ratio.mean - 1.0;
-    let record_sd = relative.record_sd * ratio.mean;
+    // The effect of temperature is learned from periods, which carry the estimates: the posterior mean weighs the particles anew by
+    // every record's noise, and differs from them the more the temperature moved the force.
+    let measured = libm::expm1(relative.estimate);
     let (change, change_sd) = watch.change_of(
         end.days(),
         measured,
-        record_sd,
+        relative.record_sd * (1.0 + measured),
         Some(&filtered),
         filters.unread_k2(end.days()).as_ref(),
     )?;
-    // The record's own error is in both; the rest of the ratio's error is that of the particles and grows with the change.
-    let static_sd = (ratio.sd * ratio.sd - record_sd * record_sd).max(0.0).sqrt();
-    let sd = change_sd.hypot(static_sd);
-    let explained = measured - change;
+    let static_sd = tracker.shift.as_ref()?.static_sd(measured - change, measured);
     let force = &relative.force_n;
-    let factor = (1.0 + change) / ratio.mean.max(f64::MIN_POSITIVE);
+    let factor = (1.0 + change) / relative.ratio.mean.max(f64::MIN_POSITIVE);
     Some(AtReference {
         temperature_c: reference_c,
-        ratio: moved(ratio, 1.0, explained, sd),
-        force_n: moved(
-            force,
-            factor,
-            0.0,
-            (factor * force.sd).hypot(change_sd * force.mean),
-        ),
+        ratio: Interval::normal(1.0 + change, change_sd.hypot(static_sd)),
+        force_n: moved(force, factor, (factor * force.sd).hypot(change_sd * force.mean)),
     })
 }
 
 /// Adds an independent change of `share` of the force to the errors.
 pub(super) fn widen(at_reference: &mut AtReference, share: f64) {
-    let wider = |interval: &Interval, sd: f64| moved(interval, 1.0, 0.0, interval.sd.hypot(sd));
+    let wider = |interval: &Interval, sd: f64| moved(interval, 1.0, interval.sd.hypot(sd));
     at_reference.ratio = wider(&at_reference.ratio, share);
     at_reference.force_n = wider(&at_reference.force_n, share * at_reference.force_n.mean);
 }
 
-/// `interval` times `factor` less `shift`, with a normal error more that makes its standard deviation `sd`: the shape is the
-/// interval's own as far as its error is.
-fn moved(interval: &Interval, factor: f64, shift: f64, sd: f64) -> Interval {
-    let mean = interval.mean * factor - shift;
+/// `interval` times `factor`, with a normal error more that makes its standard deviation `sd`: the shape is the interval's own as far
+/// as its error is.
+fn moved(interval: &Interval, factor: f64, sd: f64) -> Interval {
+    let mean = interval.mean * factor;
     let own = interval.sd * factor;
     let narrower = if own > sd { sd / own } else { 1.0 };
     let added = (sd * sd - own * own).max(0.0).sqrt();

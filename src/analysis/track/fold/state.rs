@@ -8,6 +8,7 @@ use crate::signal::record::{Reading, RodId, Timestamp};
 use crate::track::alarm::{Alarm, Cause, Kind, Watches};
 use crate::track::baseline::Baseline;
 use crate::track::drift::Filters;
+use crate::track::drift::Law;
 use crate::track::drift::others::Neighbour;
 use crate::track::drift::period::{self, Pending, Period};
 use crate::track::drift::watch::{DriftWatch, Witness};
@@ -254,6 +255,12 @@ impl State {
                 .is_ok()
     }
 
+    /// Predictive law of a record by its temperature, without the other rods; `None` without one.
+    pub(super) fn thermal_law(&self, pending: &Pending) -> Option<Law> {
+        let filters = self.filters.advanced(&self.readings, pending.end);
+        self.watch.get()?.law_by_temperature(pending, &filters)
+    }
+
     /// The usual distance between records \[s\]; `None` before two records.
     pub(crate) fn usual_s(&self) -> Option<f64> {
         let (first, last, records) = match (&self.segment.baseline, &self.learning[..]) {
@@ -283,6 +290,11 @@ impl Neighbour for State {
             sum += w * pending.delta;
         }
         (weight > 0.0).then(|| sum / weight)
+    }
+
+    fn untaken_residual(&self) -> Option<f64> {
+        let pending = self.open.last()?;
+        Some(self.thermal_law(pending)?.residual(pending.delta))
     }
 
     fn last_period(&self) -> Option<i64> {

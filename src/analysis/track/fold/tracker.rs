@@ -295,9 +295,15 @@ impl Tracker {
         let raise = match cause {
             Cause::Unusable | Cause::NoTemperature => alarm.sensor_records,
             Cause::Loss => LOSS_RECORDS.min(alarm.confirm),
+            Cause::Suspicion => 1,
             _ => alarm.confirm,
         };
-        self.state.watches.look(cause, holds, raise, alarm.confirm)
+        let clear = if cause == Cause::Suspicion {
+            1
+        } else {
+            alarm.confirm
+        };
+        self.state.watches.look(cause, holds, raise, clear)
     }
 
     /// Handles a record that could not be used.

@@ -127,35 +127,15 @@ impl Polynomials {
         horner(&row, v_of(u))
     }
 
-    /// Adds up shifts of the chosen modes at u over the first `count` particles: sums, and sums of products.
-    pub fn moments(&self, count: usize, chosen: &[usize], u: f64) -> (Vec<f64>, Vec<f64>) {
-        let modes = chosen.len();
-        let (mut sums, mut products) = (vec![0.0; modes], vec![0.0; modes * modes]);
-        let v = [v_of(u); LANES];
-        let mut at = vec![[0.0; LANES]; modes];
-        for (block, coefficients) in self.coefficients.chunks_exact(self.modes * TERMS).enumerate() {
-            for (at, mode) in at.iter_mut().zip(chosen) {
-                *at = value_and_slope(&coefficients[mode * TERMS..][..TERMS], &v).0;
-            }
-            let full = LANES.min(count - block * LANES);
-            for a in 0..modes {
-                sums[a] += at[a][..full].iter().sum::<f64>();
-                for b in 0..=a {
-                    products[a * modes + b] += (0..full).map(|l| at[a][l] * at[b][l]).sum::<f64>();
-                }
-            }
-        }
-        for a in 0..modes {
-            for b in 0..a {
-                products[b * modes + a] = products[a * modes + b];
-            }
-        }
-        (sums, products)
+    /// Coefficients of one block of particles, mode by mode, ascending power.
+    pub(super) fn block(&self, block: usize) -> &[Lanes] {
+        let width = self.modes * TERMS;
+        &self.coefficients[block * width..][..width]
     }
 }
 
 /// v in -1 to 1 for u.
-fn v_of(u: f64) -> f64 {
+pub(super) fn v_of(u: f64) -> f64 {
     (u - 0.5 * (HIGH + LOW)) * (2.0 / (HIGH - LOW))
 }
 
@@ -354,10 +334,8 @@ mod tests {
                     assert!(error < 1e-7, "{error:e} at {u} of {theta:?}");
                 }
             }
-            let (sum, _) = polynomials.moments(places.len(), &[0, 1, 2], u);
             for mode in 0..3 {
                 assert!((mean_and_slope(&means[mode], u).0 - sums[mode]).abs() < 1e-7);
-                assert!((sum[mode] / places.len() as f64 - sums[mode]).abs() < 1e-7);
             }
         }
     }

@@ -5,7 +5,8 @@ use crate::track::drift::Covariance;
 use crate::track::drift::companions;
 use crate::track::drift::compensated::Compensated;
 use crate::track::drift::filters::FILTERS_D;
-use crate::track::drift::{Change, Detector, Law, Regressors, Seen};
+use crate::track::drift::period::Pending;
+use crate::track::drift::{Change, Detector, Filters, Law, Regressors, Seen};
 
 /// Standard deviations of the predictive law from which a sudden change is reported within days without a temperature: a smaller
 /// one is learned as weather by the broadest members of the bank.
@@ -128,6 +129,24 @@ impl DriftWatch {
         })
     }
 
+    /// Predictive law of a record by its temperature, without the other rods; `None` without a temperature, and before a detector
+    /// with temperature began. `filters`: of the readings up to the record's end.
+    pub(crate) fn law_by_temperature(&self, pending: &Pending, filters: &Filters) -> Option<Law> {
+        let day = pending.end.days();
+        let compensated = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
+        let columns = compensated.columns(day, Some(&filters.at(day)?), None)?;
+        let unread_k2 = filters.unread_k2(day).filter(|_| compensated.knows_temperature);
+        compensated.detector.predict(&Seen {
+            day,
+            began: day,
+            measured: day,
+            ratio: pending.delta,
+            sd: pending.sd,
+            columns: &columns,
+            unread_k2: unread_k2.as_ref(),
+        })
+    }
+
     /// Sudden change that would be reported at the next period without a temperature, as a share of the
     /// force.
     pub(crate) fn least_told_blind(&self, day: f64) -> Option<f64> {
@@ -148,7 +167,7 @@ impl DriftWatch {
 
     /// Compensated detector in use: that with the other rods, unless they are absent.
     pub(super) fn watching(&self) -> Option<&Compensated> {
-        let stands_in = self.without_others > companions::PATIENCE;
+        let stands_in = self.are_others_late || self.without_others > companions::PATIENCE;
         let alone = self.by_temperature.as_ref().filter(|_| stands_in);
         alone.or(self.compensated.as_ref())
     }

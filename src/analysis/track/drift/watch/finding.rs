@@ -65,8 +65,10 @@ impl DriftWatch {
         let was_told = self.above.any();
         let is_above = |detector: &Detector, since, limit| detector.statistic_since(since) > limit;
         let peers = |since, limit| (self.peers.as_ref()).is_some_and(|peers| is_above(peers, since, limit));
+        // Beside what stands in for the others, they still count as far as they have been measured.
+        let with_others = (self.compensated.as_ref()).map_or(0.0, |one| one.detector.statistic());
         self.above = Above {
-            compensated: self.watching_statistic() > limit,
+            compensated: self.watching_statistic() > limit || (self.are_others_late && with_others > limit),
             peers: peers(None, RARER * limit),
             peers_alone: peers(self.by_temperature_until.until, limit),
             blind: is_above(&self.blind, self.informed_until(), limit),
@@ -87,7 +89,11 @@ impl DriftWatch {
     /// True unless too many of the other rods move: what moves them together is no change of one.
     pub(crate) fn is_calm(&self, others: &Others, index: i64) -> bool {
         let count = others.count();
-        count < companions::FEWEST || self.moving(others, index) as f64 <= MOVING_SHARE * count as f64
+        let moving = match self.movement() {
+            Some(movement) if self.are_others_late => others.moving_so_far(index, &movement),
+            movement => movement.map_or(0, |movement| others.moving(index, &movement)),
+        };
+        count < companions::FEWEST || moving as f64 <= MOVING_SHARE * count as f64
     }
 
     /// Number of other rods that share the change.
@@ -134,7 +140,7 @@ impl DriftWatch {
                 Finding::Drift(Witness::Confirmed)
             } else if !self.is_calm(others, index) {
                 let rods = (others.count() + 1) as f64;
-                if self.watching_statistic() > rods * self.limit {
+                if !self.are_others_late && self.watching_statistic() > rods * self.limit {
                     Finding::Common
                 } else {
                     Finding::Waiting

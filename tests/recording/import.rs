@@ -407,7 +407,9 @@ fn decoded(bytes: &[u8], plan: &Plan) -> BTreeMap<String, (Vec<f64>, Vec<u64>)> 
         )
         .unwrap();
         let (samples, times) = found.entry(planned.topic.clone()).or_default();
-        decoder.decode(&message.data, samples).unwrap();
+        let mut piece = Vec::new();
+        decoder.decode(&message.data, 0, &mut piece).unwrap();
+        samples.extend(piece);
         times.push(message.log_time);
     }
     found

@@ -63,6 +63,38 @@ fn what_is_written_is_read_in_every_form() {
 }
 
 #[test]
+fn an_array_of_more_than_a_million_samples_is_taken_in_pieces() {
+    // Short numbers, so that as many fit into a message of JSON: the second one has the last 100 000.
+    const LARGE: usize = 1_300_000;
+    let samples: Vec<f64> = motion(LARGE + 100_000)
+        .iter()
+        .map(|x| (x * 256.0).round() / 256.0)
+        .collect();
+    for encoding in ENCODINGS {
+        let read_in = |batch: usize| {
+            let mut writer = RecordingWriter::new(Cursor::new(Vec::new()), WriterOptions::default()).unwrap();
+            let spec = ChannelSpec {
+                precision: Precision::Single,
+                ..spec("/laser", encoding, Layout::Batch(batch))
+            };
+            let id = writer.add_channel(spec).unwrap();
+            writer.write_samples(id, START, FS, &samples).unwrap();
+            let bytes = writer.finish().unwrap().into_inner();
+            read(bytes, &[rod("r", "/laser", "values")], &windows(1000.0))
+        };
+        let (pieces, summary) = read_in(LARGE);
+        assert!(
+            summary.sentences().is_empty(),
+            "{encoding:?}: {:?}",
+            summary.sentences()
+        );
+        let (many, _) = read_in(1000);
+        assert_eq!(records(&pieces).len(), 7, "{encoding:?}");
+        assert!(pieces == many, "{encoding:?}");
+    }
+}
+
+#[test]
 fn single_precision_and_missing_samples() {
     for encoding in ENCODINGS {
         for layout in LAYOUTS {

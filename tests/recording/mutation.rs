@@ -211,7 +211,7 @@ fn damaged_messages_and_schemas_never_panic() {
                         Decoder::compile(encoding.key(), Some(schema), field(encoding, layout), &time)
                     {
                         let mut out = Vec::new();
-                        let _ = decoder.decode(&damaged, &mut out);
+                        let _ = decoder.decode(&damaged, 0, &mut out);
                         assert!(out.len() <= damaged.len() + 1);
                     }
                 }

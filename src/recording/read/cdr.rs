@@ -121,13 +121,15 @@ impl CdrPlan {
         of(&self.ops)
     }
 
-    /// Appends the samples in `message` to `out`.
-    pub fn decode(&self, message: &[u8], out: &mut Vec<f64>) -> Result<Decoded, DecodeError> {
+    /// Appends a piece of the samples in `message` to `out`, which is empty.
+    pub fn decode(&self, message: &[u8], from: usize, out: &mut Vec<f64>) -> Result<Decoded, DecodeError> {
         let (header, body) = message
             .split_first_chunk::<4>()
             .ok_or_else(|| malformed("shorter than its header"))?;
         let mut taken = Taken {
+            from,
             out,
+            samples: 0,
             array: None,
             stamp: None,
             seconds: None,
@@ -143,6 +145,7 @@ impl CdrPlan {
             }
         }
         let Taken {
+            samples,
             array,
             stamp,
             seconds,
@@ -161,7 +164,7 @@ impl CdrPlan {
                 Time::Nanos(time.ok_or_else(|| DecodeError::Time { path: path.clone() })?)
             }
         };
-        Ok(Decoded { array, time })
+        Ok(Decoded { array, samples, time })
     }
 }
 
@@ -225,19 +228,19 @@ mod tests {
                 let mut out = Vec::new();
                 let plan =
                     compile(path, Some("header.stamp")).unwrap_or_else(|fault| panic!("{path}: {fault}"));
-                let decoded = plan.decode(&bytes, &mut out).unwrap();
+                let decoded = plan.decode(&bytes, 0, &mut out).unwrap();
                 assert_eq!(out, expected, "{path}");
                 assert_eq!(decoded.time, Time::Nanos(12_000_000_034));
             }
             assert!(
                 compile("sensors[2].value", None)
                     .unwrap()
-                    .decode(&bytes, &mut Vec::new())
+                    .decode(&bytes, 0, &mut Vec::new())
                     .is_err()
             );
             for cut in 0..bytes.len() {
                 let plan = compile("header.stamp.sec", None).unwrap();
-                assert!(plan.decode(&bytes[..cut], &mut Vec::new()).is_err(), "{cut}");
+                assert!(plan.decode(&bytes[..cut], 0, &mut Vec::new()).is_err(), "{cut}");
             }
         }
         let mut parameter_list = message::<LittleEndian>(1);
@@ -245,7 +248,7 @@ mod tests {
         assert!(
             compile("last", None)
                 .unwrap()
-                .decode(&parameter_list, &mut Vec::new())
+                .decode(&parameter_list, 0, &mut Vec::new())
                 .is_err()
         );
     }

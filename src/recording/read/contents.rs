@@ -167,11 +167,10 @@ impl Looked {
         let mut values = Vec::new();
         // The first message determines the field, because JSON has no schema.
         while let Some((_, decoder)) = self.decoders.first() {
-            values.clear();
-            match decoder.decode(data, &mut values) {
+            match decoder.decode(data, 0, &mut values) {
                 Ok(decoded) => {
                     self.is_array |= decoded.array;
-                    self.samples.push(values.len());
+                    self.samples.push(decoded.samples);
                     break;
                 }
                 Err(fault) => {
@@ -192,14 +191,12 @@ impl Looked {
         }
         if self.said_fs_hz.is_none()
             && let Some(rate) = &self.rate
+            && rate.decode(data, 0, &mut values).is_ok()
         {
-            values.clear();
-            if rate.decode(data, &mut values).is_ok() {
-                self.said_fs_hz = values
-                    .first()
-                    .copied()
-                    .filter(|fs_hz| fs_hz.is_finite() && *fs_hz > 0.0);
-            }
+            self.said_fs_hz = values
+                .first()
+                .copied()
+                .filter(|fs_hz| fs_hz.is_finite() && *fs_hz > 0.0);
         }
     }
 

@@ -56,9 +56,6 @@ pub enum DecodeError {
         /// Length of the message \[bytes\].
         bytes: usize,
     },
-    /// The message has more samples than allowed.
-    #[error("more than {MAX_VALUES} samples in one message: send them in several")]
-    TooMany,
     /// Several channels share the topic at once, so that the rod's channel is ambiguous.
     #[error(
         "channels {channels} have this topic at once, and nothing says which is the rod's; give each sensor a topic of its own"
@@ -101,8 +98,8 @@ impl DecodeError {
 /// Largest message that is decoded \[bytes\], as large as the largest record.
 pub const MAX_MESSAGE: usize = 16 << 20;
 
-/// Most samples of one message: as many doubles as the largest message over a socket holds.
-pub const MAX_VALUES: usize = 1 << 20;
+/// Most samples of a message that are decoded at once: a larger array is taken in pieces.
+pub const PIECE: usize = 1 << 20;
 
 /// Time of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -118,6 +115,8 @@ pub enum Time {
 pub struct Decoded {
     /// True if the field is an array.
     pub array: bool,
+    /// Number of its samples, those before and after the piece included.
+    pub samples: usize,
     /// Time of the message.
     pub time: Time,
 }
@@ -203,15 +202,17 @@ impl Decoder {
         }
     }
 
-    /// Appends the samples in `message` to `out`. On an error, the appended samples are meaningless.
-    pub fn decode(&self, message: &[u8], out: &mut Vec<f64>) -> Result<Decoded, DecodeError> {
+    /// Writes the samples in `message` from number `from` on to `out`, [`PIECE`] of them at most. On an error, those written are
+    /// meaningless.
+    pub fn decode(&self, message: &[u8], from: usize, out: &mut Vec<f64>) -> Result<Decoded, DecodeError> {
+        out.clear();
         if message.len() > MAX_MESSAGE {
             return Err(DecodeError::TooLarge { bytes: message.len() });
         }
         match self {
-            Self::Json(plan) => plan.decode(message, out),
-            Self::Protobuf(plan) => plan.decode(message, out),
-            Self::Cdr(plan) => plan.decode(message, out),
+            Self::Json(plan) => plan.decode(message, from, out),
+            Self::Protobuf(plan) => plan.decode(message, from, out),
+            Self::Cdr(plan) => plan.decode(message, from, out),
         }
     }
 

@@ -36,7 +36,7 @@ impl Definition {
             .schema
             .as_ref()
             .map(|(name, encoding, data)| SchemaRef { name, encoding, data });
-        Decoder::compile(&self.encoding, schema, field, time)?.decode(message, &mut Vec::new())
+        Decoder::compile(&self.encoding, schema, field, time)?.decode(message, 0, &mut Vec::new())
     }
 
     /// Paths of the fields of a message that are numbers or arrays of numbers, except those of its header.

@@ -3,7 +3,7 @@
 //! One pass over the bytes checks the whole message against RFC 8259 and picks up the numbers at the
 //! path on the way; nothing is allocated for the rest. Numbers are rounded correctly.
 
-use super::decode::{DecodeError, Decoded, MAX_VALUES, Time};
+use super::decode::{DecodeError, Decoded, PIECE, Time};
 use super::path::{FieldPath, Found, Step, into_field, into_item};
 use super::stamp;
 use serde::Deserialize;
@@ -29,15 +29,17 @@ impl JsonPlan {
         Self { value, time }
     }
 
-    /// Appends the samples in `message` to `out`; `null` is a missing sample (NaN).
-    pub fn decode(&self, message: &[u8], out: &mut Vec<f64>) -> Result<Decoded, DecodeError> {
+    /// Appends a piece of the samples in `message` to `out`, which is empty; `null` is a missing sample (NaN).
+    pub fn decode(&self, message: &[u8], from: usize, out: &mut Vec<f64>) -> Result<Decoded, DecodeError> {
         let text =
             std::str::from_utf8(message).map_err(|fault| malformed("not UTF-8", fault.valid_up_to()))?;
         let mut scan = Scan {
             text,
             bytes: message,
             at: 0,
+            from,
             out,
+            outside: 0,
             array: None,
             time: None,
         };
@@ -46,13 +48,13 @@ impl JsonPlan {
             .value(Some(self.value.steps()), time, 0)
             .and_then(|()| scan.end());
         let (array, stamp) = (scan.array, scan.time);
+        let samples = scan.out.len() + scan.outside;
         match (outcome, array) {
             (Err(Fault::Malformed(what, at)), _) => Err(malformed(what, at)),
             (Err(Fault::Type(what)), _) => Err(DecodeError::Type {
                 path: self.value.to_string(),
                 found: what,
             }),
-            (Err(Fault::TooMany), _) => Err(DecodeError::TooMany),
             (Err(Fault::Time), _) => Err(DecodeError::Time {
                 path: self.time.as_ref().map(FieldPath::to_string).unwrap_or_default(),
             }),
@@ -61,6 +63,7 @@ impl JsonPlan {
                 (Some(path), None) => Err(missing(path, text)),
                 (_, time) => Ok(Decoded {
                     array,
+                    samples,
                     time: time.map_or(Time::Outside, Time::Nanos),
                 }),
             },
@@ -101,7 +104,6 @@ fn missing(path: &FieldPath, text: &str) -> DecodeError {
 enum Fault {
     Malformed(&'static str, usize),
     Type(&'static str),
-    TooMany,
     Time,
 }
 
@@ -109,7 +111,11 @@ struct Scan<'a, 'o> {
     text: &'a str,
     bytes: &'a [u8],
     at: usize,
+    /// Number of the first sample that is wanted.
+    from: usize,
     out: &'o mut Vec<f64>,
+    /// Number of samples before and after the wanted ones.
+    outside: usize,
     /// Set when the value was found: true if it is an array.
     array: Option<bool>,
     time: Option<i64>,
@@ -229,7 +235,12 @@ impl<'a> Scan<'a, '_> {
     fn samples(&mut self) -> Result<(), Fault> {
         if self.peek() != b'[' {
             self.array = Some(false);
-            return self.sample();
+            self.sample()?;
+            if self.from > 0 {
+                self.out.pop();
+                self.outside += 1;
+            }
+            return Ok(());
         }
         self.array = Some(true);
         self.at += 1;
@@ -239,11 +250,12 @@ impl<'a> Scan<'a, '_> {
             return Ok(());
         }
         loop {
-            if self.out.len() >= MAX_VALUES {
-                return Err(Fault::TooMany);
-            }
             self.space();
             self.sample()?;
+            if self.outside < self.from || self.out.len() > PIECE {
+                self.out.pop();
+                self.outside += 1;
+            }
             self.space();
             match self.peek() {
                 b',' => self.at += 1,
@@ -530,7 +542,7 @@ mod tests {
             time.map(|path| FieldPath::parse(path).unwrap()),
         );
         let mut out = Vec::new();
-        let decoded = plan.decode(message.as_bytes(), &mut out)?;
+        let decoded = plan.decode(message.as_bytes(), 0, &mut out)?;
         Ok((out, decoded))
     }
 
@@ -589,7 +601,7 @@ mod tests {
         assert!(decode(&("[".repeat(1000) + &"]".repeat(1000)), "v", None).is_err());
         assert!(
             JsonPlan::new(FieldPath::parse("v").unwrap(), None)
-                .decode(b"{\"v\":1,\"w\":\"\xff\"}", &mut Vec::new())
+                .decode(b"{\"v\":1,\"w\":\"\xff\"}", 0, &mut Vec::new())
                 .is_err()
         );
     }
@@ -611,7 +623,7 @@ mod tests {
             message.truncate(cut.max(20));
             let at = at % message.len();
             message[at] = byte;
-            let ours = JsonPlan::new(FieldPath::parse("v").unwrap(), None).decode(&message, &mut Vec::new());
+            let ours = JsonPlan::new(FieldPath::parse("v").unwrap(), None).decode(&message, 0, &mut Vec::new());
             let theirs = serde_json::from_slice::<serde_json::Value>(&message);
             // A field of the wrong type is reported before the rest is read.
             if matches!(ours, Ok(_) | Err(DecodeError::Missing { .. })) {

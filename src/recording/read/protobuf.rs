@@ -4,7 +4,7 @@
 //! being built. Semantics are proto3's: the last value of a singular field counts, a field without
 //! presence that is absent is its default, packed and unpacked lists are the same.
 
-use super::decode::{DecodeError, Decoded, MAX_VALUES, SchemaRef, Time};
+use super::decode::{DecodeError, Decoded, PIECE, SchemaRef, Time};
 use super::path::{FieldPath, Step};
 use super::stamp;
 use prost_reflect::prost::Message as _;
@@ -107,30 +107,28 @@ impl ProtobufPlan {
         })
     }
 
-    /// Appends the samples in `message` to `out`.
-    pub fn decode(&self, message: &[u8], out: &mut Vec<f64>) -> Result<Decoded, DecodeError> {
+    /// Appends a piece of the samples in `message` to `out`, which is empty.
+    pub fn decode(&self, message: &[u8], from: usize, out: &mut Vec<f64>) -> Result<Decoded, DecodeError> {
         let time = match &self.time {
             None => Time::Outside,
             Some(plan) => Time::Nanos(plan.decode(message)?),
         };
         let target = &self.value;
         let array = target.shape == Shape::List;
-        if array {
-            let mut count = 0;
-            target.walk(message, &mut |number| {
-                count += 1;
-                if count <= MAX_VALUES {
-                    out.push(number.float());
-                }
-            })?;
-            if count > MAX_VALUES {
-                return Err(DecodeError::TooMany);
+        let wanted = from..from.saturating_add(PIECE);
+        let mut samples = 0;
+        let mut take = |number: Number| {
+            if wanted.contains(&samples) {
+                out.push(number.float());
             }
+            samples += 1;
+        };
+        if array {
+            target.walk(message, &mut take)?;
         } else {
-            let number = target.single(message)?;
-            out.push(number.float());
+            take(target.single(message)?);
         }
-        Ok(Decoded { array, time })
+        Ok(Decoded { array, samples, time })
     }
 }
 
@@ -497,7 +495,7 @@ mod tests {
                 let mut out = Vec::new();
                 let decoded = plan(&data, path, Some(time))
                     .unwrap()
-                    .decode(&bytes, &mut out)
+                    .decode(&bytes, 0, &mut out)
                     .unwrap();
                 assert_eq!(
                     (out, decoded.time),
@@ -510,7 +508,7 @@ mod tests {
         for path in ["points[0].y", "points[2].x", "point.x", "packed[3]"] {
             let told = plan(&data, path, None)
                 .unwrap()
-                .decode(&bytes, &mut Vec::new())
+                .decode(&bytes, 0, &mut Vec::new())
                 .unwrap_err();
             assert!(matches!(told, DecodeError::Missing { .. }), "{path}: {told}");
         }
@@ -518,7 +516,7 @@ mod tests {
             // Either at a field boundary or an error; never a panic.
             let _ = plan(&data, "packed", Some("stamp"))
                 .unwrap()
-                .decode(&bytes[..cut], &mut Vec::new());
+                .decode(&bytes[..cut], 0, &mut Vec::new());
         }
     }
 

@@ -234,6 +234,11 @@ impl Recording {
         if self.doubt.is_some() {
             return Step::Wait;
         }
+        if !self.is_joined && self.router.waits() {
+            self.router.go_on(u64::MAX);
+            self.router.events(&mut self.queue);
+            return self.next_step();
+        }
         let outcome = match &mut self.stage {
             Stage::Ended => return Step::End,
             Stage::Reading(file) => {
@@ -357,7 +362,7 @@ impl Recording {
             Stage::Reading(file) => file.held(),
             Stage::Given(_) | Stage::Ended => 0,
         };
-        self.router.held() + reading + ready.sum::<usize>()
+        self.router.held() + self.router.ahead_bytes() + reading + ready.sum::<usize>()
     }
 
     /// Sets the bytes of samples beyond which records end early.

@@ -210,8 +210,9 @@ impl Router {
         self.at
     }
 
+    /// Takes the samples of a message from number `from` on; true if more follow.
     #[inline]
-    fn message(&mut self, message: Message<'_>) {
+    fn message(&mut self, message: Message<'_>, from: usize) -> bool {
         let Self {
             rods,
             counts,
@@ -226,13 +227,14 @@ impl Router {
             ..
         } = self;
         let Some(listed) = channels.get(usize::from(message.channel)) else {
-            return;
+            return false;
         };
         if listed.notes {
-            return self.note(message.data);
+            self.note(message.data);
+            return false;
         }
         if !listed.known {
-            return;
+            return false;
         }
         let Some(Topic {
             name,
@@ -240,9 +242,10 @@ impl Router {
             speakers,
         }) = topics.get_mut(listed.topic)
         else {
-            return;
+            return false;
         };
-        summary.messages += 1;
+        summary.messages += u64::from(from == 0);
+        let mut has_more = false;
         let mut fault = None;
         let mut has_events = false;
         let routes = listed.routes.as_deref().unwrap_or_default();
@@ -272,13 +275,15 @@ impl Router {
                 rod.fed_by[usize::from(route.temperature)] = listed.stream;
                 rod.is_followed |= !route.temperature;
                 rod.assembler.set_unverified(*unverified);
-                match route.take((rod, count), &message, file.as_ref(), scratch) {
-                    Ok(Some(time)) => {
-                        if let Some(listener) = listener.as_ref().filter(|_| rod.sensor == 0) {
+                match route.take((rod, count), (&message, from), file.as_ref(), scratch) {
+                    Ok((time, more)) => {
+                        has_more |= more;
+                        if let Some(time) = time
+                            && let Some(listener) = listener.as_ref().filter(|_| rod.sensor == 0)
+                        {
                             listener(&rod.config.rod, time, scratch, rod.config.displacement.fs_hz);
                         }
                     }
-                    Ok(None) => {}
                     Err(found) => {
                         fault.get_or_insert(found);
                     }
@@ -306,6 +311,7 @@ impl Router {
         if self.grown > WEIGHED_EVERY {
             self.weigh();
         }
+        has_more
     }
 
     /// Notes data lost in the file, and rejects it for each rod that may have had messages there.
@@ -468,6 +474,7 @@ impl Router {
     /// Ends every stream; `damage` describes the part not read and gives one rejection for each rod with
     /// messages in the file.
     pub fn finish(&mut self, cut_short: bool, damage: Option<&str>, to: &mut impl Extend<Timed>) {
+        self.go_on_to_the_end();
         for (rod, count) in self.rods.iter_mut().zip(&self.counts) {
             rod.finish(*count, cut_short, damage);
         }
@@ -478,6 +485,7 @@ impl Router {
     /// Ends one of several files that are read side by side. Records continue in the next one if this one
     /// ended properly.
     pub fn end_file(&mut self, cut_short: bool, damage: Option<&str>) {
+        self.go_on_to_the_end();
         let fed = self.rods.iter_mut().zip(&self.counts);
         for (rod, count) in fed.filter(|(_, count)| count.messages > 0) {
             if cut_short || self.ends_with_file {

@@ -150,9 +150,9 @@ impl Series {
         self.router.at()
     }
 
-    /// Bytes of samples not yet in a record.
+    /// Bytes of samples not yet in a record, and of messages that wait.
     pub fn held(&self) -> usize {
-        self.router.held()
+        self.router.held() + self.router.ahead_bytes()
     }
 
     /// Number of the current part, if no more of it can be read: only another part brings data again.
@@ -312,6 +312,14 @@ impl Source for Series {
         };
         if open.ended {
             return self.end_part();
+        }
+        if self.router.waits() {
+            self.router.go_on(u64::MAX);
+            self.router.events(&mut self.queue);
+            return match self.queue.pop_front() {
+                Some(event) => self.event(event),
+                None => Step::More,
+            };
         }
         match open.step(&mut self.router) {
             Ok(Progress::More) => self.router.events(&mut self.queue),

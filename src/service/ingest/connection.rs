@@ -70,7 +70,10 @@ pub(super) async fn attend<I: Intake>(
     let (said, answers) = mpsc::channel(ANSWERS);
     let mut writer = tokio::spawn(write(output, answers));
     let mut topics = server.topics.clone();
-    let protocol = Protocol::new(rights.narrow(&topics.borrow_and_update()));
+    let of_rods = Arc::clone(&topics.borrow_and_update());
+    let mut protocol = Protocol::new(rights.narrow(&of_rods));
+    // A topic of a rod that is not the holder's must be seen among any number of others.
+    protocol.name(of_rods);
     let mut client = Client {
         server,
         topics,
@@ -181,8 +184,9 @@ impl<I: Intake> Client<'_, I> {
     /// Passes on everything that is complete.
     async fn digest(&mut self) -> Result<(), Farewell> {
         if self.topics.has_changed().unwrap_or(false) {
-            let topics = self.rights.narrow(&self.topics.borrow_and_update());
-            self.protocol.retarget(topics);
+            let of_rods = Arc::clone(&self.topics.borrow_and_update());
+            self.protocol.retarget(self.rights.narrow(&of_rods));
+            self.protocol.name(of_rods);
         }
         let mut turn = None;
         loop {

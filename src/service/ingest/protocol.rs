@@ -89,6 +89,11 @@ impl Protocol {
         }
     }
 
+    /// Sets topics that are always named in [`Protocol::strays`] when their messages are not kept.
+    pub fn name(&mut self, topics: Arc<TopicSet>) {
+        self.stream.named = topics;
+    }
+
     /// Changes the topics from here on.
     pub fn retarget(&mut self, topics: Arc<TopicSet>) {
         self.stream.retarget(&topics);
@@ -285,6 +290,7 @@ impl Protocol {
         let ended = mem::take(&mut self.stream);
         self.stream.foreign = ended.foreign;
         self.stream.strays.clone_from(&ended.strays);
+        self.stream.named = Arc::clone(&ended.named);
         Step::End {
             messages: ended.messages,
             left_out: ended.left_out(),

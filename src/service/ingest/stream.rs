@@ -52,6 +52,8 @@ pub(super) struct Stream {
     pub foreign: u64,
     /// First topics of messages that belong to no rod.
     pub strays: BTreeSet<String>,
+    /// Topics that are always among them when their messages are not kept.
+    pub named: Arc<TopicSet>,
     /// Number of messages of this connection that were kept, and of those too large.
     kept: u64,
     too_large: u64,
@@ -128,7 +130,7 @@ impl Stream {
             None if !is_wanted(&topic, topics) => {
                 self.count();
                 self.foreign += 1;
-                stray(&mut self.strays, &topic);
+                stray(&mut self.strays, &topic, &self.named);
                 return Ok(());
             }
             None => {
@@ -156,7 +158,7 @@ impl Stream {
             other => {
                 self.foreign += 1;
                 if let Some(channel) = other {
-                    stray(&mut self.strays, &channel.topic);
+                    stray(&mut self.strays, &channel.topic, &self.named);
                 }
                 return;
             }
@@ -252,9 +254,10 @@ fn is_wanted(topic: &str, topics: &TopicSet) -> bool {
     topics.contains(topic) && topic != note::TOPIC
 }
 
-/// Keeps a topic of no rod, up to the limit.
-fn stray(strays: &mut BTreeSet<String>, topic: &str) {
-    if strays.len() < MOST_STRAYS && topic != note::TOPIC && !strays.contains(topic) {
+/// Keeps a topic whose messages are not kept, up to the limit or if it is to be named anyway.
+fn stray(strays: &mut BTreeSet<String>, topic: &str, named: &TopicSet) {
+    let has_room = strays.len() < MOST_STRAYS || named.contains(topic);
+    if has_room && topic != note::TOPIC && !strays.contains(topic) {
         strays.insert(topic.to_owned());
     }
 }

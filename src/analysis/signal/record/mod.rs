@@ -24,6 +24,7 @@ pub use channel::{Beside, Channel, RodChannels, TimeSource};
 pub use envelope::Envelope;
 pub use moments::{Moment, Moments, is_one_motion};
 pub use rejection::{Flag, Rejection};
+pub use saved::{EventToSave, SavedEvent};
 pub use settings::{Cut, RecordSettings};
 pub use temperature::Reading;
 pub use time::Timestamp;

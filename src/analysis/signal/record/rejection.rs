@@ -228,7 +228,7 @@ pub enum Rejection {
         /// Panic message.
         detail: String,
     },
-    /// Its analysis crashed the process repeatedly, so it is not tried again.
+    /// Its analysis crashed the program, also in a process of its own, so it is not tried again.
     #[error("not analysed: its analysis ended the program {deaths} times")]
     Quarantined {
         /// Number of crashes.

@@ -1,13 +1,17 @@
 //! Walks one CDR message by the operations of a plan and picks up samples and time on the way.
 
-use super::super::decode::{DecodeError, MAX_VALUES};
+use super::super::decode::{DecodeError, PIECE};
 use super::super::stamp;
 use super::{Op, Primitive, Use};
 use re_cdr::{ByteOrder, CdrReader};
 
 /// Values picked up on the way.
 pub(super) struct Taken<'a> {
+    /// Number of the first sample that is wanted.
+    pub from: usize,
     pub out: &'a mut Vec<f64>,
+    /// Number of samples met.
+    pub samples: usize,
     pub array: Option<bool>,
     pub stamp: Option<i64>,
     pub seconds: Option<i64>,
@@ -20,17 +24,19 @@ enum Number {
 }
 
 impl Taken<'_> {
+    fn single(&mut self, value: f64) {
+        self.array = Some(false);
+        if self.from <= self.samples {
+            self.out.push(value);
+        }
+        self.samples += 1;
+    }
+
     #[inline]
     fn take(&mut self, number: Number, used: Use) {
         match (used, number) {
-            (Use::Value, Number::Integer(value)) => {
-                self.array = Some(false);
-                self.out.push(value as f64);
-            }
-            (Use::Value, Number::Float(value)) => {
-                self.array = Some(false);
-                self.out.push(value);
-            }
+            (Use::Value, Number::Integer(value)) => self.single(value as f64),
+            (Use::Value, Number::Float(value)) => self.single(value),
             (Use::Stamp, Number::Integer(nanos)) => self.stamp = Some(nanos),
             (Use::Stamp, Number::Float(seconds)) => self.stamp = stamp::from_seconds(seconds),
             (Use::Seconds, Number::Integer(seconds)) => self.seconds = Some(seconds),
@@ -72,11 +78,12 @@ pub(super) fn walk<B: ByteOrder>(
             Op::TakeArray(primitive, count) => {
                 let count = length(*count, reader)?;
                 let bytes = array(*primitive, count, reader)?;
-                if count > MAX_VALUES {
-                    return Err(DecodeError::TooMany);
-                }
                 taken.array = Some(true);
-                floats::<B>(*primitive, bytes, taken.out);
+                let first = taken.from.saturating_sub(taken.samples).min(count);
+                let last = (first + PIECE - taken.out.len().min(PIECE)).min(count);
+                let size = primitive.size();
+                floats::<B>(*primitive, &bytes[first * size..last * size], taken.out);
+                taken.samples += count;
             }
             Op::TakeElement(primitive, count, index, used) => {
                 let count = length(*count, reader)?;

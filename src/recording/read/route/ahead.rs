@@ -1,10 +1,12 @@
-//! Messages that wait for those of other files, where several are read side by side.
+//! Messages that wait: for those of other files, where several are read side by side, or for the rest of a large one.
 
 use super::Router;
+use crate::recording::read::decode::PIECE;
 use crate::recording::read::mcap::Message;
 use std::collections::VecDeque;
+use std::sync::Arc;
 
-/// Messages ahead of those of other files, where several are read side by side.
+/// Messages that wait for their turn.
 #[derive(Default)]
 pub(super) struct Ahead {
     /// Log time up to which messages are passed on \[ns\]; `None`: all are.
@@ -20,31 +22,57 @@ pub(super) struct Owned {
     pub(super) channel: u16,
     pub(super) log_time: u64,
     publish_time: u64,
-    pub(super) data: Vec<u8>,
+    pub(super) data: Arc<[u8]>,
+    /// Number of its first sample that was not passed on.
+    from: usize,
+}
+
+impl Owned {
+    fn of(message: &Message<'_>, from: usize) -> Self {
+        Self {
+            channel: message.channel,
+            log_time: message.log_time,
+            publish_time: message.publish_time,
+            data: Arc::from(message.data),
+            from,
+        }
+    }
 }
 
 impl Router {
+    /// Bytes of the messages that wait.
+    pub fn ahead_bytes(&self) -> usize {
+        let waiting = self.ahead.waiting.iter();
+        waiting.map(|(_, owned)| owned.data.len()).sum()
+    }
+
     /// Passes a message on if it is its turn.
     #[inline]
     pub(super) fn in_turn(&mut self, message: Message<'_>) {
         let ahead = &mut self.ahead;
-        if let Some(limit) = ahead.limit {
-            let front = ahead
-                .front
-                .map_or(message.log_time, |front| front.max(message.log_time));
-            ahead.front = Some(front);
-            if front > limit || !ahead.waiting.is_empty() {
-                let owned = Owned {
-                    channel: message.channel,
-                    log_time: message.log_time,
-                    publish_time: message.publish_time,
-                    data: message.data.to_vec(),
-                };
-                ahead.waiting.push_back((front, owned));
-                return;
-            }
+        if ahead.limit.is_none() && ahead.waiting.is_empty() {
+            return self.pass(message);
         }
-        self.message(message);
+        let front = ahead
+            .front
+            .map_or(message.log_time, |front| front.max(message.log_time));
+        if ahead.limit.is_some() {
+            ahead.front = Some(front);
+        }
+        if ahead.limit.is_some_and(|limit| front > limit) || !ahead.waiting.is_empty() {
+            ahead.waiting.push_back((front, Owned::of(&message, 0)));
+        } else {
+            self.pass(message);
+        }
+    }
+
+    /// Passes on a message, of a large array the first piece: the rest waits, so that its records are taken one by one.
+    #[inline]
+    fn pass(&mut self, message: Message<'_>) {
+        if self.message(message, 0) {
+            let front = self.ahead.front.unwrap_or_default();
+            self.ahead.waiting.push_front((front, Owned::of(&message, PIECE)));
+        }
     }
 
     /// Sets the log time up to which messages are passed on from now on \[ns\].
@@ -68,19 +96,31 @@ impl Router {
         next.or(self.ahead.front)
     }
 
-    /// Passes on the waiting messages up to a log time \[ns\].
+    /// Passes on everything that waits: the file ends here.
+    pub(super) fn go_on_to_the_end(&mut self) {
+        while self.waits() {
+            self.go_on(u64::MAX);
+        }
+    }
+
+    /// Passes on the waiting messages up to a log time \[ns\], and of a large one a piece.
     pub fn go_on(&mut self, limit: u64) {
         while let Some((front, owned)) = self.ahead.waiting.pop_front() {
             if front > limit {
                 self.ahead.waiting.push_front((front, owned));
                 return;
             }
-            self.message(Message {
+            let message = Message {
                 channel: owned.channel,
                 log_time: owned.log_time,
                 publish_time: owned.publish_time,
                 data: &owned.data,
-            });
+            };
+            if self.message(message, owned.from) {
+                let from = owned.from + PIECE;
+                self.ahead.waiting.push_front((front, Owned { from, ..owned }));
+                return;
+            }
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::rod::{Count, Rod};
 use crate::analysis::signal::record::{TimeSource, Timestamp};
-use crate::recording::read::decode::{DecodeError, Decoded, Time};
+use crate::recording::read::decode::{DecodeError, Decoded, PIECE, Time};
 use crate::recording::read::mcap::Message;
 use crate::recording::read::plans::Route;
 use std::sync::Arc;
@@ -21,23 +21,28 @@ fn of_coarser_unit(time: i64, log_time: u64) -> Option<i64> {
 }
 
 impl Route {
-    /// Passes a message on to the rod; returns the time of its first sample, if it has samples.
+    /// Passes a piece of a message on to the rod, its samples from number `from` on; returns the time of the first of them, if it
+    /// has any, and true if more follow.
     #[inline]
     pub(super) fn take(
         &self,
         (rod, count): (&mut Rod, &mut Count),
-        message: &Message<'_>,
+        (message, from): (&Message<'_>, usize),
         file: Option<&Arc<str>>,
         scratch: &mut Vec<f64>,
-    ) -> Result<Option<Timestamp>, DecodeError> {
+    ) -> Result<(Option<Timestamp>, bool), DecodeError> {
         let channel = match &rod.config.temperature {
             Some(channel) if self.temperature => channel,
             _ => &rod.config.displacement,
         };
-        count.messages += u64::from(!self.temperature);
+        count.messages += u64::from(!self.temperature && from == 0);
         scratch.clear();
         let decoder = self.decoder.as_ref().map_err(Clone::clone)?;
-        let Decoded { array, time } = decoder.decode(message.data, scratch)?;
+        let Decoded { array, samples, time } = decoder.decode(message.data, from, scratch)?;
+        let has_more = samples.saturating_sub(from) > PIECE;
+        if from > 0 && scratch.is_empty() {
+            return Ok((None, false));
+        }
         let time = match (time, &channel.time) {
             (Time::Nanos(nanos), _) => nanos,
             (Time::Outside, stamped) => {
@@ -50,11 +55,16 @@ impl Route {
         };
         let time = Timestamp::from_nanos(of_coarser_unit(time, message.log_time).unwrap_or(time));
         let unit = channel.unit;
+        // Of an array the rate is known, or it is refused.
+        let time = channel
+            .fs_hz
+            .filter(|_| from > 0)
+            .map_or(time, |fs_hz| time.plus_seconds(from as f64 / fs_hz));
         if self.temperature {
             for &raw in scratch.iter() {
                 rod.assembler.push_temperature(time, unit.convert(raw));
             }
-            return Ok(None);
+            return Ok((None, has_more));
         }
         if array && channel.fs_hz.is_none() {
             return Err(DecodeError::Rate {
@@ -67,7 +77,7 @@ impl Route {
         count.samples += scratch.len() as u64;
         rod.files.note(file, time);
         rod.assembler.push(time, scratch);
-        Ok(Some(time))
+        Ok((Some(time), has_more))
     }
 }
 

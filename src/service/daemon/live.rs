@@ -5,6 +5,7 @@ use super::reader::JournalSource;
 use crate::analysis::signal::record::Timestamp;
 use crate::config::{Config, RodConfig};
 use crate::recording::part;
+use crate::service::bucket::Uploader;
 use crate::service::ingest::{self, Counts, Listener, Server, TopicSet};
 use crate::service::journal::retention::Kept;
 use crate::service::journal::{Around, Bell, Journal};
@@ -53,6 +54,7 @@ pub struct Live {
     serving: Option<JoinHandle<()>>,
     counts: Arc<Counts>,
     signals: Arc<Signals>,
+    uploader: Option<Uploader>,
 }
 
 impl Live {
@@ -80,6 +82,7 @@ impl Live {
             serving: None,
             counts: Arc::clone(&counts),
             signals: bound.signals,
+            uploader: None,
         };
         let folder = folder_of(config, store);
         if bound.ingest.is_empty() && !folder.is_dir() {
@@ -98,9 +101,14 @@ impl Live {
             health: Arc::clone(health),
             halted,
             vouch: Box::new(vouch(store)),
+            copied: config.bucket.as_ref().map(|_| Arc::default()),
         };
+        let copied = around.copied.clone();
         let journal = Journal::start(&folder, &config.journal, resume_s, around, failed)?;
         refuse_within(&folder, config)?;
+        if let (Some(bucket), Some(copied)) = (&config.bucket, copied) {
+            live.uploader = Some(Uploader::start(bucket, &folder, copied, telemetry.clone())?);
+        }
         telemetry.metrics.watch_disk("journal", folder.clone());
         if !bound.ingest.is_empty() {
             let server = Server::new(
@@ -170,6 +178,7 @@ impl Live {
             // A client that does not go is cut off with the runtime.
             let _ = runtime.block_on(async { tokio::time::timeout(FAREWELL, serving).await });
         }
+        drop(self.uploader);
         if let Some((journal, _)) = self.journal {
             journal.stop();
         }

@@ -12,14 +12,17 @@ mod misnamed;
 pub mod notify;
 mod opening;
 mod pipe;
+pub mod places;
 pub mod quarantine;
 pub mod reader;
+mod remembered;
 mod restart;
 mod retention;
 mod running;
 mod signals;
 mod silence;
 pub mod steps;
+pub mod trial;
 mod vigil;
 mod wall_clock;
 mod workers;
@@ -63,6 +66,8 @@ pub struct Options {
     pub threads: Option<usize>,
     /// Rods whose baselines may be dropped by settings that changed.
     pub given_up: Vec<String>,
+    /// The program, to try what ended it in a process of its own; without it nothing is tried.
+    pub program: Option<PathBuf>,
 }
 
 /// Lifecycle event of a daemon.

@@ -2,10 +2,12 @@
 //!
 //! Before a risky step its name is written into a slot of `STORE.working`, and erased after it. The file survives any end
 //! of the process. A step found in it at the next start is suspect: it is tried again while nothing else runs, so that no
-//! other step is blamed. A step that crashed the program [`DEATHS`] times *alone* is not tried again. If the process is
-//! killed from outside during a step, that step is only tried alone: to be quarantined it would have to be running at
-//! several kills, with a growing pause before each try.
+//! other step is blamed. If the process ends at it once more, the step is tried in a process of its own
+//! ([`super::trial`]) before it is taken again, and set aside if that dies: an end from outside blames no step. A step at
+//! which the daemon ends [`LAST`] times alone, though it was cleared each time, is set aside as well, so that nothing keeps
+//! the daemon down for good; ends across a boot of the machine are not counted beyond the first.
 
+use super::places::Place;
 use crate::recording::atomic::AtomicFile;
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
@@ -13,30 +15,34 @@ use std::io::{self, Write};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread;
 use std::time::Duration;
 
-/// Number of crashes of a step alone after which it is not tried again. With the first crash, which blames no
-/// step, these are three: systemd must not give up before (docs/daemon.md).
-pub const DEATHS: u32 = 2;
+/// Number of crashes of a step alone after which it is not taken again, whatever a process of its own showed. With the
+/// first crash, which blames no step, these are five: systemd must not give up before (docs/daemon.md).
+pub const LAST: u32 = 4;
 
 /// Number of crashes of a file after which nothing of it is used: those alone at one place, and one more
 /// while its data before that place was completed.
-pub const FILE_DEATHS: u32 = DEATHS + 1;
+pub const FILE_LAST: u32 = LAST + 1;
+
+/// Number of crashes that stands for a trial in which the step was condemned.
+pub const CONDEMNED: u32 = 1000;
 
 /// Name of a file's step that completes the data before a quarantined place.
 const END: &str = "end";
 
 /// Size of a slot \[bytes\].
 const SLOT: usize = 1024;
-/// Most slots: more than any machine has workers.
+/// Most slots: more than any machine has workers. The first names the boot of the machine.
 const MOST_SLOTS: usize = 1100;
+/// Kind of the first slot.
+const BOOT: &str = "boot";
 /// Most suspects remembered, besides the quarantined ones.
 const MOST: usize = 256;
 /// Longest wait of a suspect for the other steps to end.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Pause before a step is tried again after a crash alone, times its crashes.
-const PAUSE: Duration = Duration::from_secs(1);
+const PAUSE: Duration = Duration::from_millis(if cfg!(test) { 10 } else { 1000 });
 
 /// Quarantine of one store: steps that crashed the program, with the number of crashes.
 #[derive(Debug)]
@@ -89,17 +95,24 @@ impl Quarantine {
         };
         let path = beside(store, ".working");
         let left = match fs::read(&path) {
-            Ok(bytes) => left_in(&bytes),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
+            Ok(bytes) => Left::of(&bytes),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Left::default(),
             Err(error) => return Err(error),
         };
-        let had_any = !left.is_empty();
-        for (name, is_alone) in left {
-            if let Some((file, step)) = file_of(&name) {
-                *deaths.entry(file_step(file)).or_insert(0) += u32::from(is_alone || step == END);
-            }
+        let boot = boot();
+        let same_boot = left.boot.is_none() || boot.is_none() || left.boot == boot;
+        let had_any = !left.steps.is_empty();
+        let mut blame = |name: String, is_counted: bool| {
             let deaths = deaths.entry(name).or_insert(0);
-            *deaths += u32::from(is_alone);
+            // Whatever ended the machine ended the daemon; the step is tried apart, and no more.
+            let most = if same_boot { u32::MAX } else { 1.max(*deaths) };
+            *deaths = (*deaths + u32::from(is_counted)).min(most);
+        };
+        for (name, is_alone) in left.steps {
+            if let Some((file, step)) = file_of(&name) {
+                blame(file_step(file), is_alone || step == END);
+            }
+            blame(name, is_alone);
         }
         if deaths.len() > MOST {
             deaths.retain(|_, deaths| *deaths > 0);
@@ -112,11 +125,15 @@ impl Quarantine {
             .create(true)
             .truncate(true)
             .open(path)?;
+        if let Some(boot) = boot {
+            let _ = working.write_all_at(&slot_of(BOOT, &boot), 0);
+        }
         Ok(Self {
             working,
             memory: Mutex::new(memory),
             inner: Mutex::new(Inner {
                 deaths,
+                slots: 1,
                 ..Inner::default()
             }),
             changed: Condvar::new(),
@@ -128,9 +145,22 @@ impl Quarantine {
         self.lock().deaths.get(step).copied().unwrap_or(0)
     }
 
-    /// True if a step is not to be tried again.
-    pub fn is_quarantined(&self, step: &str) -> bool {
-        self.deaths(step) >= DEATHS
+    /// Places of a file at which the program crashed with no other step at work, with the number of crashes.
+    pub fn places(&self, file: &str) -> Vec<(Place, u32)> {
+        let inner = self.lock();
+        let begin = format!("{file}@");
+        let steps = inner.deaths.range(begin.clone()..);
+        steps
+            .take_while(|(name, _)| name.starts_with(&begin))
+            .filter(|(_, deaths)| **deaths > 0)
+            .filter_map(|(name, deaths)| Some((Place::parse(&name[begin.len()..])?, *deaths)))
+            .collect()
+    }
+
+    /// Keeps that a step is never taken again.
+    pub fn condemn(&self, step: &str) {
+        self.lock().deaths.insert(step.to_owned(), CONDEMNED);
+        self.keep();
     }
 
     /// Clears a file that was read to its end.
@@ -139,9 +169,13 @@ impl Quarantine {
     }
 
     fn forget(&self, step: &str) {
-        if self.lock().deaths.remove(step).is_none() {
-            return;
+        if self.lock().deaths.remove(step).is_some() {
+            self.keep();
         }
+    }
+
+    /// Writes the list of suspects, best effort.
+    fn keep(&self) {
         let memory = self.memory.lock().unwrap_or_else(PoisonError::into_inner);
         let deaths = self.lock().deaths.clone();
         if let Err(error) = remember(&memory, &deaths) {
@@ -171,30 +205,36 @@ impl Quarantine {
 
     /// Waits until a step may begin; returns true if it is alone.
     fn begin(&self, step: &str) -> bool {
-        let is_suspect = self.lock().deaths.contains_key(step);
-        if is_suspect {
-            thread::sleep(PAUSE * self.deaths(step));
-        }
+        let deaths = self.lock().deaths.get(step).copied();
+        let pause = PAUSE * deaths.unwrap_or(0);
+        drop(
+            self.changed
+                .wait_timeout_while(self.lock(), pause, |inner| !inner.is_over)
+                .unwrap_or_else(PoisonError::into_inner),
+        );
+        self.enter(deaths.is_some())
+    }
+
+    /// Waits for work that is alone, or for all other work; returns true if it is alone now.
+    fn enter(&self, wants_alone: bool) -> bool {
         let (mut inner, _) = self
             .changed
             .wait_timeout_while(self.lock(), PATIENCE, |inner| {
-                !inner.is_over && (inner.is_alone || (is_suspect && inner.busy > 0))
+                !inner.is_over && (inner.is_alone || (wants_alone && inner.busy > 0))
             })
             .unwrap_or_else(PoisonError::into_inner);
-        let is_alone = is_suspect && inner.busy == 0;
+        let is_alone = wants_alone && inner.busy == 0;
         inner.busy += 1;
         inner.is_alone |= is_alone;
         is_alone
     }
 
-    /// Ends a step, which is then no suspect.
-    fn end(&self, step: &Step) {
+    fn leave(&self, was_alone: bool) {
         let mut inner = self.lock();
         inner.busy -= 1;
-        inner.is_alone &= !step.is_alone;
+        inner.is_alone &= !was_alone;
         drop(inner);
         self.changed.notify_all();
-        self.forget(&step.name);
     }
 
     /// Writes a mark, best effort: without it a crash is not counted.
@@ -216,23 +256,27 @@ impl Slot {
     pub fn working_on(&mut self, step: &str) {
         self.idle();
         let is_alone = self.quarantine.begin(step);
-        let mut content = [0; SLOT];
-        let mut rest = &mut content[..];
-        // The excess is cut off: the name alone distinguishes steps.
-        let _ = write!(rest, "{}\t{step}", if is_alone { "alone" } else { "beside" });
-        self.quarantine.mark(self.number, &content);
+        let kind = if is_alone { "alone" } else { "beside" };
+        self.quarantine.mark(self.number, &slot_of(kind, step));
         self.step = Some(Step {
             name: step.to_owned(),
             is_alone,
         });
     }
 
-    /// Ends the step.
+    /// Ends the step, which is then no suspect.
     pub fn idle(&mut self) {
-        if let Some(step) = self.step.take() {
-            self.quarantine.mark(self.number, &[0; SLOT]);
-            self.quarantine.end(&step);
+        if let Some(name) = self.leave() {
+            self.quarantine.forget(&name);
         }
+    }
+
+    /// Ends the step without clearing it; returns its name.
+    pub fn leave(&mut self) -> Option<String> {
+        let step = self.step.take()?;
+        self.quarantine.mark(self.number, &[0; SLOT]);
+        self.quarantine.leave(step.is_alone);
+        Some(step.name)
     }
 }
 
@@ -258,22 +302,44 @@ fn file_of(name: &str) -> Option<(&str, &str)> {
     place.split_once('+').map(|(_, step)| (file, step))
 }
 
-/// Steps in a file of slots, each with true if it was alone.
-fn left_in(bytes: &[u8]) -> Vec<(String, bool)> {
-    let text_of = |slot: &[u8]| {
-        let end = slot.iter().position(|byte| *byte == 0).unwrap_or(slot.len());
-        String::from_utf8_lossy(&slot[..end]).into_owned()
-    };
-    let step_of = |text: String| {
-        let (kind, name) = text.split_once('\t')?;
-        Some((name.to_owned(), kind == "alone"))
-    };
-    bytes
-        .chunks(SLOT)
-        .take(MOST_SLOTS)
-        .map(text_of)
-        .filter_map(step_of)
-        .collect()
+/// Content of a file of slots.
+#[derive(Debug, Default)]
+struct Left {
+    boot: Option<String>,
+    /// Steps, each with true if it was alone.
+    steps: Vec<(String, bool)>,
+}
+
+impl Left {
+    fn of(bytes: &[u8]) -> Self {
+        let mut left = Self::default();
+        for slot in bytes.chunks(SLOT).take(MOST_SLOTS) {
+            let end = slot.iter().position(|byte| *byte == 0).unwrap_or(slot.len());
+            let text = String::from_utf8_lossy(&slot[..end]);
+            match text.split_once('\t') {
+                None => {}
+                Some((BOOT, boot)) => left.boot = Some(boot.to_owned()),
+                Some((kind, name)) => left.steps.push((name.to_owned(), kind == "alone")),
+            }
+        }
+        left
+    }
+}
+
+/// Content of a slot. The excess is cut off: the name alone distinguishes steps.
+fn slot_of(kind: &str, name: &str) -> [u8; SLOT] {
+    let mut content = [0; SLOT];
+    let mut rest = &mut content[..];
+    let _ = write!(rest, "{kind}\t{name}");
+    content
+}
+
+/// Identity of the machine's present boot: the unit names it, since its sandbox hides the file.
+fn boot() -> Option<String> {
+    let named = std::env::var("TIRANTE_BOOT_ID").ok().filter(|id| !id.is_empty());
+    let id = named.or_else(|| fs::read_to_string("/proc/sys/kernel/random/boot_id").ok())?;
+    let id: String = id.chars().filter(char::is_ascii_hexdigit).collect();
+    Some(id).filter(|id| !id.is_empty())
 }
 
 fn remember(path: &Path, deaths: &BTreeMap<String, u32>) -> io::Result<()> {
@@ -292,6 +358,7 @@ fn beside(path: &Path, suffix: &str) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::thread;
 
     /// Simulates a process that crashes at these steps.
     fn dies_at(store: &Path, steps: &[&str]) {
@@ -304,20 +371,19 @@ mod tests {
     }
 
     #[test]
-    fn a_step_that_ends_the_program_alone_again_and_again_is_quarantined() {
+    fn the_crashes_of_a_step_alone_are_counted() {
         let folder = tempfile::tempdir().unwrap();
         let store = folder.path().join("site.db");
         dies_at(&store, &["good", "bad"]);
-        for death in 0..DEATHS {
+        for death in 0..3 {
             let quarantine = Quarantine::open(&store).unwrap();
             assert_eq!(quarantine.deaths("bad"), death);
-            assert!(!quarantine.is_quarantined("bad"));
             drop(quarantine);
             // Nothing was lost by looking.
             dies_at(&store, &["bad"]);
         }
         let quarantine = Arc::new(Quarantine::open(&store).unwrap());
-        assert!(quarantine.is_quarantined("bad"));
+        assert_eq!(quarantine.deaths("bad"), 3);
         assert_eq!(quarantine.deaths("good"), 0);
     }
 
@@ -352,13 +418,17 @@ mod tests {
             dies_at(&store, &[&format!("a@b.mcap@{place}+0")]);
         }
         assert_eq!(deaths(), 0);
-        for _ in 0..=DEATHS {
+        for _ in 0..=LAST {
             dies_at(&store, &["a@b.mcap@77+0"]);
         }
-        assert_eq!(deaths(), DEATHS);
+        assert_eq!(deaths(), LAST);
         dies_at(&store, &[&last_step("a@b.mcap", 77)]);
-        assert_eq!(deaths(), FILE_DEATHS);
-        Quarantine::open(&store).unwrap().is_read("a@b.mcap");
+        assert_eq!(deaths(), FILE_LAST);
+        let quarantine = Quarantine::open(&store).unwrap();
+        let place = Place { offset: 77, taken: 0 };
+        assert_eq!(quarantine.places("a@b.mcap"), [(place, LAST)]);
+        assert_eq!(quarantine.places("a"), []);
+        quarantine.is_read("a@b.mcap");
         assert_eq!(deaths(), 0);
     }
 
@@ -379,6 +449,36 @@ mod tests {
         std::mem::forget(slot);
         let quarantine = Quarantine::open(&store).unwrap();
         assert!(quarantine.lock().deaths.is_empty(), "{quarantine:?}");
+    }
+
+    #[test]
+    fn a_boot_of_the_machine_accuses_a_step_and_never_condemns_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("site.db");
+        for _ in 0..5 {
+            dies_at(&store, &["step"]);
+            let slots = beside(&store, ".working");
+            let mut bytes = fs::read(&slots).unwrap();
+            bytes[..SLOT].copy_from_slice(&slot_of(BOOT, "another"));
+            fs::write(&slots, bytes).unwrap();
+        }
+        assert_eq!(Quarantine::open(&store).unwrap().deaths("step"), 1);
+        dies_at(&store, &["step"]);
+        dies_at(&store, &["step"]);
+        assert_eq!(Quarantine::open(&store).unwrap().deaths("step"), 3);
+    }
+
+    #[test]
+    fn a_step_that_is_left_is_neither_cleared_nor_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("site.db");
+        dies_at(&store, &["step"]);
+        let mut slot = Arc::new(Quarantine::open(&store).unwrap()).slot();
+        slot.working_on("step");
+        slot.leave();
+        drop(slot);
+        let quarantine = Quarantine::open(&store).unwrap();
+        assert_eq!(quarantine.lock().deaths.get("step"), Some(&0));
     }
 
     #[test]

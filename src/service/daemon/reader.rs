@@ -4,21 +4,21 @@
 //! data not committed yet is left to be read again at the next start.
 
 use super::folder::Folder;
+pub use super::remembered::{JOURNAL, Remembered};
 use super::steps::{Guard, Watch};
+use super::trial::Input;
 use crate::analysis::signal::record::{Event, RodChannels};
 use crate::recording::part;
 use crate::recording::read::Place;
-use crate::recording::read::{PartEnd, Parts, Series, Step};
+use crate::recording::read::{PartEnd, Series, Step};
 use crate::service::journal::{self, Bell};
 use crate::service::telemetry::{Fault, Health};
 use crate::service::viewer::Signals;
 use crate::site::driver::{Job, Loads};
 use crate::site::prepared::Generation;
 use crate::site::store::{Carry, FileMark, FileState};
-use std::collections::BTreeMap;
-use std::fs;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel};
@@ -33,9 +33,6 @@ const LOOK: Duration = Duration::from_millis(100);
 const LOOK_FOR: Duration = Duration::from_secs(3);
 /// Pause before a full queue is tried again.
 const PUSH_BACK: Duration = Duration::from_millis(2);
-
-/// Name under which the store keeps the journal's [`Carry`].
-pub const JOURNAL: &str = "journal";
 
 /// Sources to read.
 pub struct Sources {
@@ -73,15 +70,6 @@ pub struct Surroundings {
     pub caught_up: Arc<AtomicBool>,
     /// Notes the step it works on.
     pub watch: Watch,
-}
-
-/// State of the sources in the store.
-#[derive(Debug, Clone, Default)]
-pub struct Remembered {
-    /// Files read to their end.
-    pub files: BTreeMap<String, FileMark>,
-    /// State that the journal's read parts left open, kept under [`JOURNAL`].
-    pub carry: Option<Carry>,
 }
 
 /// The reader's thread.
@@ -170,6 +158,7 @@ struct Work {
 
 struct JournalLane {
     series: Series,
+    input: Input,
     handle: journal::Handle,
     signals: Arc<Signals>,
     guard: Guard,
@@ -185,30 +174,6 @@ struct Stopped;
 fn channels(generation: &Generation) -> Vec<RodChannels> {
     let rods = generation.config.rods.iter();
     rods.map(|rod| rod.channels.clone()).collect()
-}
-
-/// Number of the first part not yet read to its end, and of the last one that is.
-fn first_part(folder: &Path, files: &BTreeMap<String, FileMark>) -> (u32, Option<u32>) {
-    let parts = part::list(folder).unwrap_or_default();
-    let is_done = |number: &u32| {
-        let Some(mark) = files.get(&part::mark_name(*number)) else {
-            return false;
-        };
-        // A journal that was begun anew has parts of the same names.
-        fs::metadata(part::path(folder, *number)).is_ok_and(|data| {
-            let modified = data
-                .modified()
-                .map_or(0, crate::recording::read::series::modified_ns);
-            (data.len(), modified) == (mark.size, mark.modified_ns)
-        })
-    };
-    let last_done = parts.iter().copied().rev().find(is_done);
-    let next = parts.iter().copied().find(|part| Some(*part) > last_done);
-    (
-        next.or_else(|| last_done.map(|part| part.saturating_add(1)))
-            .unwrap_or(1),
-        last_done,
-    )
 }
 
 impl Work {
@@ -233,30 +198,21 @@ impl Work {
             )
         });
         let journal = sources.journal.map(|source| {
-            let (first, done) = first_part(&source.folder, &remembered.files);
+            let resumed = remembered.journal(&source.folder, &channels, &settings);
             source
                 .results_kept
-                .fetch_max(done.unwrap_or(0), Ordering::Relaxed);
-            let mut series = Series::new(&source.folder, Parts::From(first), &channels, &settings);
-            match &remembered.carry {
-                None => {}
-                Some(carry) if carry.part == first => {
-                    for lost in series.resume(&carry.body) {
-                        health.fault(Fault::Recording, lost);
-                    }
-                }
-                Some(carry) => health.fault(
-                    Fault::Recording,
-                    format!(
-                        "the samples that were open before part {} of the journal do not fit part {first}; they are left out",
-                        carry.part
-                    ),
-                ),
+                .fetch_max(resumed.done.unwrap_or(0), Ordering::Relaxed);
+            for lost in resumed.lost {
+                health.fault(Fault::Recording, lost);
             }
+            let mut series = resumed.series;
             source.signals.follow(&channels);
             series.set_listener(source.signals.listener());
             JournalLane {
                 series,
+                input: Input::Journal {
+                    folder: source.folder,
+                },
                 handle: source.handle,
                 signals: source.signals,
                 guard: Guard::default(),
@@ -391,7 +347,7 @@ impl Work {
         let around = &mut self.around;
         let step = lane
             .guard
-            .poll(&mut lane.series, &mut around.watch, &around.health);
+            .poll(&mut lane.series, &lane.input, &mut around.watch, &around.health);
         match step {
             Step::Event(event, place) => self.send_event(event, place)?,
             Step::More => {}

@@ -19,6 +19,7 @@ pub fn needed_for(old: &Config, new: &Config) -> Vec<&'static str> {
                 != (other.settle_s, other.clients, other.idle_s, other.resume_s),
         ),
         ("[journal]", old.journal != new.journal),
+        ("[bucket]", old.bucket != new.bucket),
         ("[http]", old.http != new.http),
     ];
     changed

@@ -4,8 +4,9 @@ use super::core::{Core, CoreError, Notice};
 use super::live::{Bound, Live};
 use super::pipe::{self, Ending, JOBS};
 use super::quarantine::Quarantine;
-use super::reader::{self, Reader, Remembered, Sources, Surroundings};
+use super::reader::{Reader, Remembered, Sources, Surroundings};
 use super::steps::Watch;
+use super::trial::Trials;
 use super::workers::Workers;
 use super::{LifecycleEvent, Options, restart};
 use crate::config::Config;
@@ -42,6 +43,7 @@ pub struct Running {
     couriers: Arc<Mutex<Couriers>>,
     forward: Forward,
     quarantine: Arc<Quarantine>,
+    trials: Arc<Trials>,
     ending: Ending,
 }
 
@@ -121,10 +123,13 @@ impl Running {
         let quarantine = Quarantine::open(&store)
             .with_context(|| format!("{}: what stands beside it cannot be read", store.display()))?;
         let quarantine = Arc::new(quarantine);
-        let remembered = Remembered {
-            files: site.store().files()?,
-            carry: site.store().carry(reader::JOURNAL)?,
-        };
+        let trials = Arc::new(Trials::new(
+            options.program.clone(),
+            store.clone(),
+            generation.provenance().effective.to_owned(),
+            Arc::clone(&telemetry.beat),
+        ));
+        let remembered = Remembered::of(site.store())?;
         let health = &telemetry.health;
         let halted = Arc::<AtomicBool>::default();
         let live = Live::start(
@@ -156,6 +161,7 @@ impl Running {
         let workers = Workers::new(
             site.store().all_known().clone(),
             Arc::clone(&quarantine),
+            Arc::clone(&trials),
             Arc::clone(&telemetry.metrics),
         );
         let ending = Ending::default();
@@ -192,7 +198,7 @@ impl Running {
                 health: Arc::clone(health),
                 bell: live.bell(),
                 caught_up: Arc::clone(&caught_up),
-                watch: watch(&quarantine),
+                watch: Watch::of(&quarantine, &trials),
             },
         )?;
         tick(jobs, caught_up)?;
@@ -205,6 +211,7 @@ impl Running {
             couriers,
             forward,
             quarantine,
+            trials,
             ending,
         })
     }
@@ -219,6 +226,8 @@ impl Running {
         lock(&self.couriers).reload(&config.sinks, &config.site);
         lock(&self.couriers).watch(&config.alert, &config.site);
         self.forward.reload(config);
+        self.trials
+            .configure(generation.provenance().effective.to_owned());
         self.reader.reload(Arc::clone(&generation));
         // Without a thread for it, a rod's first record draws its table.
         let _ = draw_tables(&generation, &self.ending);
@@ -246,7 +255,9 @@ impl Running {
         self.live.hang_up();
         self.ending.drain.store(true, Ordering::Relaxed);
         self.quarantine.stand_down();
+        // A lane whose trial is stopped must find that its reader stops, too.
         self.reader.stop();
+        self.trials.stop();
         self.live.stop(runtime);
         let result = loop {
             let left = deadline.saturating_duration_since(Instant::now());
@@ -270,6 +281,7 @@ impl Running {
         self.live.hang_up();
         self.ending.drain.store(true, Ordering::Relaxed);
         self.quarantine.stand_down();
+        self.trials.stop();
         self.reader.stop();
         lock(&self.couriers).tell_end(why);
         self.live.stop(runtime);
@@ -321,34 +333,19 @@ fn tick(jobs: SyncSender<Job>, caught_up: Arc<AtomicBool>) -> std::io::Result<()
 fn draw_tables(generation: &Arc<Generation>, ending: &Ending) -> std::io::Result<()> {
     let (generation, drain) = (Arc::clone(generation), Arc::clone(&ending.drain));
     let work = move || {
-        // By address: rods of equal prior share theirs.
+        // By address: rods share what is equal.
         let mut bytes = BTreeMap::new();
         for plan in generation.plans.values() {
             if drain.load(Ordering::Relaxed) {
                 return;
             }
-            let table = plan.table();
-            bytes.insert(std::ptr::from_ref(table), table.bytes());
+            bytes.extend(plan.table().pieces());
         }
         let mb = bytes.values().sum::<usize>() as f64 / 1e6;
         tracing::info!("the tables of all rods are drawn: {mb:.0} MB");
     };
     thread::Builder::new().name("tables".to_owned()).spawn(work)?;
     Ok(())
-}
-
-/// Returns the reader's watch, which records its steps in the quarantine.
-fn watch(quarantine: &Arc<Quarantine>) -> Watch {
-    let mut slot = quarantine.slot();
-    let (quarantine, reads) = (Arc::clone(quarantine), Arc::clone(quarantine));
-    Watch {
-        working_on: Box::new(move |step| match step {
-            Some(step) => slot.working_on(step),
-            None => slot.idle(),
-        }),
-        deaths: Box::new(move |step| quarantine.deaths(step)),
-        is_read: Box::new(move |file| reads.is_read(file)),
-    }
 }
 
 /// Handles notifications of the core.

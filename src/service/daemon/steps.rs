@@ -1,36 +1,53 @@
 //! Marks of the reader's steps, so that a crash of the process can be attributed to a step of an input.
 
-use super::quarantine::{DEATHS, FILE_DEATHS, file_step, last_step};
+use super::places::{Place, Steps};
+use super::quarantine::{CONDEMNED, FILE_LAST, LAST, Quarantine, Slot, file_step, last_step};
+use super::trial::{Input, Trials, Verdict};
 use crate::recording::read::{Source, Step};
 use crate::service::telemetry::{Fault, Health};
+use crate::site::ordered_map::message_of;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 
 /// Callback with the present step of work; `None` when it went well.
 pub type TakeNote = Box<dyn FnMut(Option<&str>) + Send>;
 
+/// Callback that tells what of a file must not be read.
+pub type AskAside = Box<dyn FnMut(&str, &Input) -> Aside + Send>;
+
 /// Callbacks for the reader's steps.
 pub struct Watch {
     /// Notes the present step; `None` when it went well.
     pub working_on: TakeNote,
-    /// Number of crashes of the process at a step.
-    pub deaths: Box<dyn Fn(&str) -> u32 + Send>,
+    /// What of a file must not be read, asked before its first step.
+    pub aside: AskAside,
     /// Notes that a file was read to its end, which clears all its steps.
     pub is_read: Box<dyn Fn(&str) + Send>,
 }
 
-/// Reason why an input is not read any further.
-struct Blame {
-    /// Reason in one sentence.
-    why: String,
-    /// True if nothing of it may be used, not even its beginning.
-    is_whole: bool,
+/// What of a file must not be read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Aside {
+    /// Nothing.
+    Nothing,
+    /// What comes from any of these places on.
+    From {
+        /// The places.
+        places: Vec<Place>,
+        /// What happened there, as the end of a sentence.
+        why: String,
+    },
+    /// Anything, not even its beginning, for this reason.
+    Whole(String),
+    /// The daemon stops before that is known.
+    Stopped,
 }
 
 /// Takes a source's steps under watch: a file whose reading crashes the program is quarantined.
 #[derive(Debug, Default)]
 pub(super) struct Guard {
-    /// File of the steps.
-    file: Option<Arc<str>>,
+    /// File of the steps, once it is known what of it must not be read.
+    file: Option<(Arc<str>, Aside)>,
     steps: Steps,
     /// Quarantined file, and the reason.
     quarantined: Option<(Arc<str>, String)>,
@@ -38,31 +55,81 @@ pub(super) struct Guard {
 
 impl Guard {
     /// Takes the next step of a source.
-    pub fn poll<S: Source>(&mut self, source: &mut S, watch: &mut Watch, health: &Health) -> Step<S::File> {
+    pub fn poll<S: Source>(
+        &mut self,
+        source: &mut S,
+        input: &Input,
+        watch: &mut Watch,
+        health: &Health,
+    ) -> Step<S::File> {
         let position = source.position();
-        if let Some((name, _)) = &position
-            && self.file.as_ref() != Some(name)
+        if let Some((name, offset)) = &position
+            && self.quarantined.as_ref().is_none_or(|(aside, _)| aside != name)
         {
-            (self.file, self.steps) = (Some(Arc::clone(name)), Steps::default());
-        }
-        if let Some((name, offset)) = position
-            && self.quarantined.as_ref().is_none_or(|(aside, _)| *aside != name)
-            && let Some(Blame { why, is_whole }) = watch.begin(&name, offset, &mut self.steps)
-        {
-            health.hold(Fault::Quarantined, &name, &why);
-            if is_whole {
-                source.discard(&why);
-            } else {
-                source.abandon(&why);
+            if self.file.as_ref().is_none_or(|(file, _)| file != name) {
+                let aside = (watch.aside)(name, input);
+                if aside == Aside::Stopped {
+                    return Step::Wait;
+                }
+                (self.file, self.steps) = (Some((Arc::clone(name), aside)), Steps::default());
             }
-            self.quarantined = Some((name, why));
+            self.begin(source, (name, *offset), watch, health);
         }
-        let step = source.poll();
-        watch.end();
+        let polled = catch_unwind(AssertUnwindSafe(|| source.poll()));
+        (watch.working_on)(None);
+        let step = match (polled, position) {
+            (Ok(step), _) => step,
+            // What a broken source holds is not believed, and the other files go on.
+            (Err(panic), Some((name, offset)))
+                if self.quarantined.as_ref().is_none_or(|(aside, _)| *aside != name) =>
+            {
+                let why = format!(
+                    "{name}: reading it at byte {offset} broke the program, please report it: {}; what was not yet a record is \
+                     set aside",
+                    message_of(&*panic)
+                );
+                source.discard(&why);
+                self.set_aside(name, why, health);
+                Step::More
+            }
+            (Err(panic), _) => resume_unwind(panic),
+        };
         if matches!(step, Step::More | Step::Event(..)) {
             self.steps.brought_something();
         }
         step
+    }
+
+    /// Begins the next step of a file, or ends the file if it must not be taken.
+    fn begin<S: Source>(
+        &mut self,
+        source: &mut S,
+        (name, offset): (&Arc<str>, u64),
+        watch: &mut Watch,
+        health: &Health,
+    ) {
+        let place = self.steps.next(offset);
+        let why = match self.file.as_ref().map(|(_, aside)| aside) {
+            Some(Aside::Whole(why)) => {
+                let why = why.clone();
+                source.discard(&why);
+                why
+            }
+            Some(Aside::From { places, why }) if places.contains(&place) => {
+                let why = format!("{name}: reading it at byte {offset} {why}; it is set aside");
+                // The data before a quarantined place may cause the crash, so completing them is a step as well.
+                (watch.working_on)(Some(&last_step(name, offset)));
+                source.abandon(&why);
+                why
+            }
+            _ => return (watch.working_on)(Some(&format!("{name}@{place}"))),
+        };
+        self.set_aside(Arc::clone(name), why, health);
+    }
+
+    fn set_aside(&mut self, name: Arc<str>, why: String, health: &Health) {
+        health.hold(Fault::Quarantined, &name, &why);
+        self.quarantined = Some((name, why));
     }
 
     /// Returns the reason why a file that ended was quarantined, if it was.
@@ -77,71 +144,84 @@ impl Watch {
     pub fn none() -> Self {
         Self {
             working_on: Box::new(|_| {}),
-            deaths: Box::new(|_| 0),
+            aside: Box::new(|_, _| Aside::Nothing),
             is_read: Box::new(|_| {}),
         }
     }
 
-    /// Begins the next step of the input `name`; returns the reason if it must not.
-    fn begin(&mut self, name: &str, offset: u64, steps: &mut Steps) -> Option<Blame> {
-        if steps.is_first() {
-            let deaths = (self.deaths)(&file_step(name));
-            if deaths >= FILE_DEATHS {
-                return Some(Blame {
-                    why: format!(
-                        "{name}: reading it ended the program, and so did what came before that place: the whole file is set \
-                         aside"
-                    ),
-                    is_whole: true,
-                });
+    /// Callbacks that record the steps in a quarantine, and try suspect ones in a process of their own.
+    pub(super) fn of(quarantine: &Arc<Quarantine>, trials: &Arc<Trials>) -> Self {
+        let mut slot = quarantine.slot();
+        let mut apart = quarantine.slot();
+        let (looked_up, reads) = (Arc::clone(quarantine), Arc::clone(quarantine));
+        let trials = Arc::clone(trials);
+        Self {
+            working_on: Box::new(move |step| match step {
+                Some(step) => slot.working_on(step),
+                None => slot.idle(),
+            }),
+            aside: Box::new(move |name, input| aside(&looked_up, &mut apart, &trials, name, input)),
+            is_read: Box::new(move |file| reads.is_read(file)),
+        }
+    }
+}
+
+/// What of a file must not be read, after the ends of earlier processes. A trial is a step of its own, so that an end of the daemon at it
+/// counts as one at that place.
+fn aside(quarantine: &Quarantine, slot: &mut Slot, trials: &Trials, name: &str, input: &Input) -> Aside {
+    let whole = || {
+        Aside::Whole(format!(
+            "{name}: reading it ended the program, and so did what came before that place: the whole file is set aside"
+        ))
+    };
+    if quarantine.deaths(&file_step(name)) >= FILE_LAST {
+        return whole();
+    }
+    let suspects = quarantine.places(name);
+    if let Some((place, deaths)) = suspects.iter().find(|(_, deaths)| *deaths >= LAST) {
+        return Aside::From {
+            places: vec![*place],
+            why: match *deaths {
+                CONDEMNED => "ended the program and a process of its own".to_owned(),
+                deaths => format!("ended the program {deaths} times"),
+            },
+        };
+    }
+    let places: Vec<Place> = suspects.into_iter().map(|(place, _)| place).collect();
+    let Some(last) = places.last() else {
+        return Aside::Nothing;
+    };
+    let step = format!("{name}@{last}");
+    let mut read_apart = |places: &[Place], ends_there: bool| {
+        slot.working_on(&step);
+        let verdict = trials.of_reading(name, input, places, ends_there);
+        slot.leave();
+        verdict
+    };
+    let (how, place) = match read_apart(&places, false) {
+        Verdict::Cleared => return Aside::Nothing,
+        Verdict::Stopped => return Aside::Stopped,
+        Verdict::Died { how, at: Some(place) } => (how, place),
+        // An earlier part of the journal, of which this one can tell nothing.
+        Verdict::Died { at: None, .. } if matches!(input, Input::Journal { .. }) => return Aside::Nothing,
+        Verdict::Died { at: None, .. } => {
+            quarantine.condemn(&file_step(name));
+            return whole();
+        }
+    };
+    match read_apart(&[place], true) {
+        Verdict::Cleared => {
+            // A file that grows is begun again and again.
+            quarantine.condemn(&format!("{name}@{place}"));
+            Aside::From {
+                places: vec![place],
+                why: format!("ended the program, and a process of its own {how}"),
             }
         }
-        let step = steps.next(name, offset);
-        let deaths = (self.deaths)(&step);
-        if deaths >= DEATHS {
-            // The data before a quarantined place may cause the crash, so completing them is a step as well.
-            (self.working_on)(Some(&last_step(name, offset)));
-            return Some(Blame {
-                why: format!(
-                    "{name}: reading it at byte {offset} ended the program {deaths} times; it is set aside"
-                ),
-                is_whole: false,
-            });
+        Verdict::Stopped => Aside::Stopped,
+        Verdict::Died { .. } => {
+            quarantine.condemn(&file_step(name));
+            whole()
         }
-        (self.working_on)(Some(&step));
-        None
-    }
-
-    fn end(&mut self) {
-        (self.working_on)(None);
-    }
-}
-
-/// Names the steps of one input: a chunk is read in many, all at one offset. With one name for all, a step
-/// that went well would clear a later one that crashes, and the input would never be set aside. The names are
-/// the same whenever the input is read: steps without data do not count.
-#[derive(Debug, Default)]
-struct Steps {
-    offset: u64,
-    /// Number of steps at this offset with data.
-    taken: u64,
-    has_begun: bool,
-}
-
-impl Steps {
-    /// True if no step was taken yet.
-    fn is_first(&mut self) -> bool {
-        !std::mem::replace(&mut self.has_begun, true)
-    }
-
-    fn next(&mut self, name: &str, offset: u64) -> String {
-        if offset != self.offset {
-            (self.offset, self.taken) = (offset, 0);
-        }
-        format!("{name}@{offset}+{}", self.taken)
-    }
-
-    fn brought_something(&mut self) {
-        self.taken += 1;
     }
 }

@@ -1,6 +1,7 @@
 //! Work of the pipeline's threads on a job: analyse events, with a mark of the present step.
 
-use super::quarantine::{Quarantine, Slot};
+use super::quarantine::{LAST, Quarantine, Slot};
+use super::trial::{self, Trials, Verdict};
 use crate::analysis::signal::record::{Event, Record, Rejection};
 use crate::recording::read::Place;
 use crate::service::telemetry::Metrics;
@@ -9,6 +10,7 @@ use crate::site::driver::{self, Done, Job};
 use crate::site::hex::hex;
 use crate::site::prepared::Plans;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
 use std::time::Instant;
 
 /// The pipeline's threads.
@@ -16,16 +18,23 @@ pub struct Workers {
     /// Records in the store when the daemon started; later ones are found by the core.
     known: Known,
     quarantine: Arc<Quarantine>,
+    trials: Arc<Trials>,
     metrics: Arc<Metrics>,
     idle: Mutex<Vec<Slot>>,
 }
 
 impl Workers {
     /// Threads that skip the records in `known` and record their steps in `quarantine`.
-    pub fn new(known: Known, quarantine: Arc<Quarantine>, metrics: Arc<Metrics>) -> Self {
+    pub fn new(
+        known: Known,
+        quarantine: Arc<Quarantine>,
+        trials: Arc<Trials>,
+        metrics: Arc<Metrics>,
+    ) -> Self {
         Self {
             known,
             quarantine,
+            trials,
             metrics,
             idle: Mutex::default(),
         }
@@ -54,25 +63,33 @@ impl Workers {
             return Done::Event(analyse::analyse(event, plans, &self.known), place);
         };
         let name = step_of(record, &record.identity());
-        if self.quarantine.is_quarantined(&name) {
-            let (record, rejection) = (
-                record.clone(),
-                Rejection::Quarantined {
-                    deaths: self.quarantine.deaths(&name),
-                },
-            );
-            let sensors = match &event {
-                Event::Moment(moment) => plans
-                    .get(&moment.rod)
-                    .map(|plan| plan.sensors_unused(moment, &rejection.to_string())),
-                _ => None,
-            };
-            let identity = record.identity();
-            let refused = analyse::refused(record, identity, rejection.into()).with_sensors(sensors);
-            return Done::Event(Analysed::Record(Box::new(refused)), place);
+        let deaths = self.quarantine.deaths(&name);
+        let set_aside = |deaths| {
+            let rejection = Rejection::Quarantined { deaths };
+            Done::Event(
+                quarantined(&event, record.clone(), rejection, plans),
+                place.clone(),
+            )
+        };
+        if deaths >= LAST {
+            return set_aside(deaths);
         }
         let mut slot = self.idle().pop().unwrap_or_else(|| self.quarantine.slot());
         slot.working_on(&name);
+        if deaths > 0 {
+            match self.trials.of_analysis(&name, &event) {
+                Verdict::Cleared => {}
+                // The daemon ends. The mark of its file is not written, so the record is taken at the next start.
+                Verdict::Stopped => loop {
+                    thread::park();
+                },
+                Verdict::Died { .. } => {
+                    slot.leave();
+                    self.idle().push(slot);
+                    return set_aside(deaths + trial::DEATHS);
+                }
+            }
+        }
         let begun = Instant::now();
         let analysed = analyse::analyse(event, plans, &self.known);
         self.metrics.analysis(begun.elapsed());
@@ -86,6 +103,19 @@ impl Workers {
     }
 }
 
+/// The outcome of an event that is set aside.
+fn quarantined(event: &Event, record: Record, rejection: Rejection, plans: &Plans) -> Analysed {
+    let sensors = match event {
+        Event::Moment(moment) => plans
+            .get(&moment.rod)
+            .map(|plan| plan.sensors_unused(moment, &rejection.to_string())),
+        _ => None,
+    };
+    let identity = record.identity();
+    let refused = analyse::refused(record, identity, rejection.into()).with_sensors(sensors);
+    Analysed::Record(Box::new(refused))
+}
+
 /// Name of a record's analysis in the [`Quarantine`].
 fn step_of(record: &Record, identity: &[u8; 32]) -> String {
     format!("record {} of rod {}", hex(identity), record.rod)
@@ -97,7 +127,6 @@ mod tests {
     use crate::analysis::outcome::Outcome;
     use crate::analysis::signal::record::{Moment, Timestamp};
     use crate::config::Config;
-    use crate::service::daemon::quarantine::DEATHS;
     use crate::service::telemetry::Telemetry;
     use crate::site::prepared;
 
@@ -121,13 +150,19 @@ mod tests {
         };
         let folder = tempfile::tempdir().unwrap();
         let store = folder.path().join("site.db");
-        for _ in 0..=DEATHS {
+        for _ in 0..=LAST {
             let mut slot = Arc::new(Quarantine::open(&store).unwrap()).slot();
             slot.working_on(&step_of(&record, &record.identity()));
             std::mem::forget(slot);
         }
         let quarantine = Arc::new(Quarantine::open(&store).unwrap());
-        let workers = Workers::new(Known::new(), quarantine, Telemetry::default().metrics);
+        let trials = Trials::new(None, store, String::new(), Arc::default());
+        let workers = Workers::new(
+            Known::new(),
+            quarantine,
+            Arc::new(trials),
+            Telemetry::default().metrics,
+        );
         let job = Job::Event {
             event: Event::Moment(Moment {
                 rod,

@@ -9,7 +9,7 @@ mod ledger;
 pub mod log;
 pub mod metrics;
 pub mod owned;
-mod process;
+pub mod process;
 pub mod report;
 mod rods;
 pub mod strays;

@@ -70,6 +70,24 @@ impl Collector for Process {
     }
 }
 
+/// The most memory that a process ever had \[MB\]; zero of one that has ended.
+pub fn peak_mb(pid: u32) -> f64 {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
+    number_behind(&status, "VmHWM:").unwrap_or(0.0) / 1024.0
+}
+
+/// Address space of this process \[bytes\].
+pub fn address_space() -> Option<u64> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    number_behind(&status, "VmSize:").map(|kb| kb as u64 * 1024)
+}
+
+/// True if the system limits the address space of this process.
+pub fn address_space_is_limited() -> bool {
+    let limits = fs::read_to_string("/proc/self/limits").unwrap_or_default();
+    number_behind(&limits, "Max address space").is_some()
+}
+
 /// Number after `field` at the begin of a line.
 fn number_behind(text: &str, field: &str) -> Option<f64> {
     let rest = text.lines().find_map(|line| line.strip_prefix(field))?;

@@ -10,7 +10,7 @@ use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 use std::thread;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -18,14 +18,21 @@ use tempfile::TempDir;
 /// Files that appear, one that grows, `tirante send`, JSON lines.
 pub const RODS: [&str; 4] = ["north", "west", "south", "east"];
 
-/// All data fed, and the results of an undisturbed daemon.
-pub struct Material {
-    folder: TempDir,
-    pub days: usize,
+/// All data fed, by the way they come.
+pub struct Data {
+    /// Files that appear.
     pub files: Vec<Vec<u8>>,
+    /// A file that grows.
     pub growing: Vec<u8>,
     pub sent: Vec<PathBuf>,
     pub lines: Vec<String>,
+}
+
+/// Days of all rods, and the results of an undisturbed daemon.
+pub struct Material {
+    folder: TempDir,
+    pub days: usize,
+    pub data: Arc<Data>,
     undisturbed: OnceLock<BTreeMap<String, String>>,
 }
 
@@ -79,7 +86,7 @@ between_s = 1800
         + &simulated_rod(id, 142e3, 3, &format!("{RESTRAINED}{change}"))
 }
 
-fn tirante(folder: &Path, words: &[&str]) -> std::process::Output {
+pub fn tirante(folder: &Path, words: &[&str]) -> std::process::Output {
     Command::new(env!("CARGO_BIN_EXE_tirante"))
         .current_dir(folder)
         .env("TIRANTE_CACHE_DIR", env!("CARGO_TARGET_TMPDIR"))
@@ -89,7 +96,7 @@ fn tirante(folder: &Path, words: &[&str]) -> std::process::Output {
 }
 
 /// Simulates a recording into a folder; returns its path.
-fn simulate(folder: &Path, name: &str, config: &str, seed: usize) -> PathBuf {
+pub fn simulate(folder: &Path, name: &str, config: &str, seed: usize) -> PathBuf {
     fs::write(folder.join("simulated.toml"), config).unwrap();
     let seed = seed.to_string();
     let words = [
@@ -152,10 +159,12 @@ impl Material {
         Self {
             folder,
             days,
-            files,
-            growing,
-            sent,
-            lines,
+            data: Arc::new(Data {
+                files,
+                growing,
+                sent,
+                lines,
+            }),
             undisturbed: OnceLock::new(),
         }
     }
@@ -168,7 +177,7 @@ impl Material {
             feed.offer(1.0);
             campaign.finish(&mut feed);
             let made = campaign.results("state/site.db");
-            let sent: Vec<_> = self.sent.iter().map(|path| path.to_str().unwrap()).collect();
+            let sent: Vec<_> = self.data.sent.iter().map(|path| path.to_str().unwrap()).collect();
             let east = self.folder.path().join("east.mcap");
             let replayed = campaign.replay(&[&["archive", east.to_str().unwrap()], &sent[..]].concat());
             compare("undisturbed", &made, &replayed);
@@ -185,7 +194,7 @@ impl Material {
 }
 
 /// A recording as JSON lines.
-fn lines_of(recording: &[u8]) -> Vec<String> {
+pub fn lines_of(recording: &[u8]) -> Vec<String> {
     let line = |message: mcap::Message<'_>| {
         let mut object: serde_json::Map<_, _> = serde_json::from_slice(&message.data).unwrap();
         object.insert("topic".to_owned(), message.channel.topic.clone().into());
@@ -235,7 +244,7 @@ impl Campaign {
     }
 
     pub fn feed(&self) -> Feed {
-        Feed::start(self.material, self.folder.path())
+        Feed::start(Arc::clone(&self.material.data), self.folder.path())
     }
 
     pub fn start(&self, wrapped: &[&str]) -> Process {
@@ -296,12 +305,8 @@ impl Campaign {
         self.results("replayed.db")
     }
 
-    /// Results of every rod in a store, without the numbers that depend on the order of rods.
     pub fn results(&self, store: &str) -> BTreeMap<String, String> {
-        let store = rusqlite::Connection::open(self.path(store)).unwrap();
-        RODS.iter()
-            .map(|rod| ((*rod).to_owned(), of_rod(&store, rod)))
-            .collect()
+        results(&self.path(store))
     }
 
     /// Checks the invariants after all data was fed. A store damaged on purpose must have been moved aside,
@@ -316,7 +321,16 @@ impl Campaign {
     }
 }
 
-fn compare(what: &str, one: &BTreeMap<String, String>, other: &BTreeMap<String, String>) {
+/// Results of every rod in a store, without the numbers that depend on the order of rods.
+pub fn results(store: &Path) -> BTreeMap<String, String> {
+    let store = rusqlite::Connection::open(store).unwrap();
+    RODS.iter()
+        .map(|rod| ((*rod).to_owned(), of_rod(&store, rod)))
+        .collect()
+}
+
+/// Panics at the first difference of two results.
+pub fn compare(what: &str, one: &BTreeMap<String, String>, other: &BTreeMap<String, String>) {
     for rod in RODS {
         for (line, (a, b)) in one[rod].lines().zip(other[rod].lines()).enumerate() {
             assert_eq!(a, b, "{what}: rod {rod}, line {line}");
@@ -328,10 +342,6 @@ fn compare(what: &str, one: &BTreeMap<String, String>, other: &BTreeMap<String, 
 
 fn of_rod(store: &rusqlite::Connection, rod: &str) -> String {
     let mut text = String::new();
-    // The configuration names ports and folders of this run.
-    let config: String = store
-        .query_row("SELECT hash FROM config", (), |row| row.get(0))
-        .unwrap();
     for (table, from, order) in [
         ("rod", "rod AS t WHERE t.rod = ?", "1"),
         ("segment", "segment AS t WHERE t.rod = ?", "number"),
@@ -372,5 +382,8 @@ fn of_rod(store: &rusqlite::Connection, rod: &str) -> String {
             text.push('\n');
         }
     }
-    text.replace(&config, "CONFIG")
+    // The configurations name ports and folders of this run.
+    let mut statement = store.prepare("SELECT hash FROM config").unwrap();
+    let configs = statement.query_map((), |row| row.get::<_, String>(0)).unwrap();
+    configs.fold(text, |text, config| text.replace(&config.unwrap(), "CONFIG"))
 }

@@ -1,7 +1,7 @@
 //! Data on their way to a daemon that may be gone at any moment: files that appear, one that grows, `tirante send`, and a client that
 //! checks the daemon's acknowledgements.
 
-use super::campaign::Material;
+use super::campaign::Data;
 use serde_json::Value;
 use std::fs::{self, OpenOptions};
 use std::io::{BufRead, BufReader, ErrorKind, Write};
@@ -19,6 +19,8 @@ struct Shared {
     /// Share of all data that may be sent [millionths].
     share: AtomicU64,
     stop: AtomicBool,
+    /// The client is to break off in the middle of a line.
+    cut: AtomicBool,
     lines_are_done: AtomicBool,
     files_are_sent: AtomicBool,
     acks: AtomicU64,
@@ -39,7 +41,7 @@ impl Shared {
 }
 
 pub struct Feed {
-    material: &'static Material,
+    data: Arc<Data>,
     folder: PathBuf,
     shared: Arc<Shared>,
     threads: Vec<JoinHandle<()>>,
@@ -48,18 +50,20 @@ pub struct Feed {
 }
 
 impl Feed {
-    pub fn start(material: &'static Material, folder: &Path) -> Self {
+    pub fn start(data: Arc<Data>, folder: &Path) -> Self {
         let shared = Arc::<Shared>::default();
         let lines = {
-            let (shared, socket) = (Arc::clone(&shared), folder.join("state/in.sock"));
-            thread::spawn(move || while !client(&shared, &socket, &material.lines) {})
+            let (shared, data) = (Arc::clone(&shared), Arc::clone(&data));
+            let socket = folder.join("state/in.sock");
+            thread::spawn(move || while !client(&shared, &socket, &data.lines) {})
         };
         let sender = {
-            let (shared, folder) = (Arc::clone(&shared), folder.to_owned());
-            thread::spawn(move || send(&shared, &folder, &material.sent))
+            let (shared, data) = (Arc::clone(&shared), Arc::clone(&data));
+            let folder = folder.to_owned();
+            thread::spawn(move || send(&shared, &folder, &data.sent))
         };
         Self {
-            material,
+            data,
             folder: folder.to_owned(),
             shared,
             threads: vec![lines, sender],
@@ -72,17 +76,17 @@ impl Feed {
     pub fn offer(&mut self, share: f64) {
         self.shared.share.store((share * 1e6) as u64, Ordering::Relaxed);
         let archive = self.folder.join("archive");
-        while self.appeared < self.shared.of(self.material.files.len()) {
+        while self.appeared < self.shared.of(self.data.files.len()) {
             let name = format!("north-{:03}.mcap", self.appeared);
-            fs::write(self.folder.join("coming"), &self.material.files[self.appeared]).unwrap();
+            fs::write(self.folder.join("coming"), &self.data.files[self.appeared]).unwrap();
             fs::rename(self.folder.join("coming"), archive.join(name)).unwrap();
             self.appeared += 1;
         }
-        let until = self.shared.of(self.material.growing.len());
+        let until = self.shared.of(self.data.growing.len());
         if until > self.grown {
             let path = archive.join("west.mcap");
             let mut file = OpenOptions::new().create(true).append(true).open(path).unwrap();
-            file.write_all(&self.material.growing[self.grown..until]).unwrap();
+            file.write_all(&self.data.growing[self.grown..until]).unwrap();
             self.grown = until;
         }
     }
@@ -92,6 +96,11 @@ impl Feed {
         if let Some(sender) = self.shared.sender.lock().unwrap().as_mut() {
             let _ = sender.kill();
         }
+    }
+
+    /// Cuts the client's connection in the middle of a line; it comes again.
+    pub fn cut(&self) {
+        self.shared.cut.store(true, Ordering::Relaxed);
     }
 
     /// True if the senders were told that all data is durable.
@@ -222,6 +231,11 @@ fn client(shared: &Shared, socket: &Path, lines: &[String]) -> bool {
             Err(_) => return false,
         }
         let Some(next) = &mut next else { continue };
+        if shared.cut.swap(false, Ordering::Relaxed) {
+            let line = lines.get(*next).map_or("{", String::as_str).as_bytes();
+            let _ = stream.write_all(&line[..line.len() / 2]);
+            return false;
+        }
         let until = shared.of(lines.len());
         while *next < until {
             if stream.write_all(lines[*next].as_bytes()).is_err() {

@@ -3,8 +3,8 @@
 //! no acknowledged data lost, every alarm sent.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
-mod campaign;
-mod feed;
+pub mod campaign;
+pub mod feed;
 mod hook;
 mod kill;
 mod poison;

@@ -2,6 +2,7 @@
 
 use super::campaign::{Campaign, Material, RODS, huge};
 use super::process::Process;
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::Cursor;
 use tirante::analysis::signal::record::{Timestamp, Unit};
@@ -39,7 +40,7 @@ fn a_recording_the_program_dies_of_is_set_aside_and_the_rest_goes_on() {
     fs::write(campaign.path("coming"), huge()).unwrap();
     fs::rename(campaign.path("coming"), campaign.path("archive/huge.mcap")).unwrap();
     // Later days of the rod "north", read after it.
-    fs::write(campaign.path("coming"), &Material::long().files[3]).unwrap();
+    fs::write(campaign.path("coming"), &Material::long().data.files[3]).unwrap();
     fs::rename(campaign.path("coming"), campaign.path("archive/later.mcap")).unwrap();
     let mut deaths = 0;
     let daemon = loop {
@@ -50,16 +51,63 @@ fn a_recording_the_program_dies_of_is_set_aside_and_the_rest_goes_on() {
         }
         assert!(!daemon.wait().success(), "{}", daemon.log());
         deaths += 1;
-        assert!(deaths <= 6, "{}", daemon.log());
+        assert!(deaths <= 4, "{}", daemon.log());
     };
-    // One crash that blames no step and two alone for reading it, and as many for analysing the data read before.
-    assert!(deaths == 3 || deaths == 6, "{deaths} deaths");
+    // One that blames no step and one alone for reading it, and as many for analysing the data read before; then a process of
+    // its own dies of it.
+    assert!(deaths == 2 || deaths == 4, "{deaths} deaths: {}", daemon.log());
     assert!(daemon.log().contains("quarantined"), "{}", daemon.log());
+    assert!(
+        daemon.log().contains("a process of its own ended by SIGABRT"),
+        "{}",
+        daemon.log()
+    );
     let store = rusqlite::Connection::open(campaign.path("state/site.db")).unwrap();
     let sql = "SELECT count(*) FROM record WHERE rod = 'north' AND rejection IS NULL";
     let north: i64 = store.query_row(sql, (), |row| row.get(0)).unwrap();
     assert_eq!(usize::try_from(north).unwrap(), material.days + 2);
     daemon.stop("-TERM");
+}
+
+#[test]
+fn what_was_only_killed_from_outside_is_tried_apart_and_cleared() {
+    let material = Material::short();
+    let campaign = Campaign::new(material, "");
+    let made = material.undisturbed();
+    // A record of every rod, a file and a part of the journal, each as if the daemon had ended at it alone, twice.
+    let identity = |rod: &str| {
+        let first = made[rod].lines().find(|line| line.starts_with("record\t"));
+        let (_, rest) = first.unwrap().split_once("identity=Blob([").unwrap();
+        let bytes = rest.split_once("])").unwrap().0.split(", ");
+        bytes
+            .map(|byte| format!("{:02x}", byte.parse::<u8>().unwrap()))
+            .collect::<String>()
+    };
+    let mut suspects: BTreeMap<String, u32> = RODS
+        .iter()
+        .map(|rod| (format!("record {} of rod {rod}", identity(rod)), 2))
+        .collect();
+    for file in ["north-000.mcap", "journal/journal.000001.mcap"] {
+        suspects.insert(format!("file {file}"), 2);
+        suspects.insert(format!("{file}@0+0"), 2);
+    }
+    let memory = campaign.path("state/site.db.suspects");
+    fs::write(&memory, serde_json::to_vec(&suspects).unwrap()).unwrap();
+    let mut feed = campaign.feed();
+    let mut daemon = campaign.start(&[]);
+    feed.offer(1.0);
+    let all = material.days * RODS.len();
+    daemon.wait_until("everything is in", |_| {
+        feed.is_done() && campaign.records() >= all
+    });
+    let cleared = daemon
+        .log()
+        .matches("a process of its own took that step")
+        .count();
+    assert_eq!(cleared, suspects.len() - 2, "{}", daemon.log());
+    assert!(!daemon.log().contains("quarantined"), "{}", daemon.log());
+    campaign.finish_with(&mut feed, daemon);
+    campaign.check("cleared", false);
 }
 
 /// An hour of the rod `east` at 400 Hz, a message a sample: its stretch grows by doubling, and closing it takes several times as much.
@@ -100,7 +148,7 @@ fn a_recording_that_is_deadly_before_its_bad_place_too_does_not_keep_the_daemon_
 
     for (name, bytes) in [
         ("stretch", growing_stretch()),
-        ("later", Material::long().files[3].clone()),
+        ("later", Material::long().data.files[3].clone()),
     ] {
         fs::write(campaign.path("coming"), bytes).unwrap();
         let to = campaign.path(&format!("archive/{name}.mcap"));
@@ -116,11 +164,13 @@ fn a_recording_that_is_deadly_before_its_bad_place_too_does_not_keep_the_daemon_
         }
         assert!(!daemon.wait().success(), "{}", daemon.log());
         deaths += 1;
-        assert!(deaths <= 7, "{logs}");
+        // Near its limit the daemon dies at one place or another, and a child, whose threads reserve less, may pass them: the count
+        // decides in the end, before systemd gives up (`StartLimitBurst=15`).
+        assert!(deaths <= 10, "{logs}");
     };
     println!("{deaths} deaths");
     assert!(
-        deaths >= 3 && logs.contains("stretch.mcap") && logs.contains("set aside"),
+        deaths >= 2 && logs.contains("stretch.mcap") && logs.contains("set aside"),
         "{deaths}: {logs}"
     );
     daemon.stop("-TERM");

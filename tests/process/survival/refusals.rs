@@ -1,7 +1,7 @@
 //! A failing disk: an error ends the daemon with 1, a full disk is waited for; nothing is lost either way.
 
 use super::campaign::{Campaign, Material};
-use super::steps::{Files, Found, SWEEPS, has_strace, injecting, prepare, run};
+use super::steps::{Files, Found, SWEEPS, has_strace, injecting, prepare, run, sweep};
 use std::fs;
 use std::path::PathBuf;
 use std::process::{Command, ExitStatus};
@@ -99,11 +99,11 @@ fn every_write_may_be_refused() {
         }
         for error in ["EIO", "ENOSPC"] {
             let begun = Instant::now();
-            let mut came = Vec::new();
             // Some that are refused cost nothing; ten in a row are the end.
-            while !came.ends_with(&[Came::Nothing; 10]) {
-                came.push(refuse(files, found, calls, error, came.len() + 1));
-            }
+            let came = sweep(
+                |number| refuse(files, found, calls, error, number),
+                |came: &[Came]| came.ends_with(&[Came::Nothing; 10]),
+            );
             let count = |wanted: Came| came.iter().filter(|came| **came == wanted).count();
             println!(
                 "{index}: {error} at {files:?}, {found:?}, {calls}: of {} steps {} ended it, {} were waited for, {:?}",

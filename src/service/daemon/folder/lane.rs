@@ -5,11 +5,14 @@ use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::read::series::modified_ns;
 use crate::recording::read::{Recording, SourceError, Step};
 use crate::service::daemon::steps::{Guard, Watch};
+use crate::service::daemon::trial::Input;
 use crate::service::telemetry::Health;
 use std::convert::Infallible;
 use std::ffi::{OsStr, OsString};
 use std::fs::{File, Metadata};
 use std::io::{Read, Seek, SeekFrom};
+use std::os::unix::ffi::OsStringExt;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -27,6 +30,7 @@ pub(super) struct Lane {
     pub(super) label: Arc<str>,
     pub(super) recording: Recording,
     pub(super) guard: Guard,
+    input: Input,
     pub(super) file: File,
     pub(super) is_live: bool,
     /// Stamp when reading began, or when it was last seen to grow.
@@ -41,6 +45,7 @@ pub(super) struct Lane {
 impl Lane {
     /// Begins to read a file; `is_live` if it may still grow.
     pub(super) fn begin(
+        folder: &Path,
         name: &OsStr,
         file: File,
         is_live: bool,
@@ -60,6 +65,10 @@ impl Lane {
             label: Arc::from(label),
             recording,
             guard: Guard::default(),
+            input: Input::File {
+                path: folder.join(name).into_os_string().into_vec(),
+                is_live,
+            },
             file,
             is_live,
             stamp,
@@ -76,7 +85,7 @@ impl Lane {
         settle: Duration,
         health: &Health,
     ) -> Option<Step<Infallible>> {
-        let step = self.guard.poll(&mut self.recording, watch, health);
+        let step = self.guard.poll(&mut self.recording, &self.input, watch, health);
         self.held = self.recording.held();
         match step {
             Step::Wait => return self.wait(settle),

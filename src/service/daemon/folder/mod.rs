@@ -352,7 +352,7 @@ impl Folder {
             self.queue.insert((time, name.to_owned()));
             self.queued.insert(name.to_owned(), stamp);
         } else if self.growing.len() < MOST_GROWING && !self.postponed.contains(name) {
-            match Lane::begin(name, file, true, &self.channels, &self.settings) {
+            match Lane::begin(&self.path, name, file, true, &self.channels, &self.settings) {
                 Ok(lane) => self.growing.push_back(lane),
                 Err(error) => self.health.fault(Fault::Folder, error),
             }
@@ -366,7 +366,7 @@ impl Folder {
         self.begins = begins;
         self.queued.remove(&name);
         let opened = self.open(&name).and_then(|file| {
-            Lane::begin(&name, file, false, &self.channels, &self.settings)
+            Lane::begin(&self.path, &name, file, false, &self.channels, &self.settings)
                 .map_err(|error| io::Error::other(error.to_string()))
         });
         match opened {

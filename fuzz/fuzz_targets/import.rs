@@ -27,6 +27,10 @@ fuzz_target!(|bytes: &[u8]| {
     };
     assert!(contents.left_out.iter().all(|sentence| !sentence.is_empty()));
     if let Ok(plan) = Plan::new(contents.signals, &how.asked(&[]), Encoding::Json) {
-        assert!(plan.missing() <= MOST_VALUES);
+        let missing: usize = plan.channels.iter().map(|channel| channel.missing()).sum();
+        assert!(missing <= MOST_VALUES);
+        for channel in &plan.channels {
+            assert!(channel.stretches.iter().all(|(_, range)| range.end <= channel.values.len()));
+        }
     }
 });

@@ -39,7 +39,7 @@ fuzz_target!(init: {
     };
     let Ok(decoder) = Decoder::compile(encoding, Some(schema), path, &time) else { return };
     let mut out = Vec::new();
-    let outcome = decoder.decode(message, &mut out);
+    let outcome = decoder.decode(message, 0, &mut out);
     assert!(out.len() <= message.len() + 1);
     if encoding == "json" && outcome.is_ok() && time == TimeSource::Log {
         assert!(std::str::from_utf8(message).is_ok());

@@ -7,6 +7,7 @@ mod archive;
 mod site;
 
 mod daemon;
+mod day;
 mod hub;
 mod load;
 mod survival;

@@ -88,7 +88,7 @@ fn a_day_of_three_channels_at_1_khz() {
 }
 
 /// The slope of the straight line through the points, by least squares.
-fn slope(points: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
+pub fn slope(points: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let count = points.clone().count() as f64;
     let mean = |of: fn((f64, f64)) -> f64| points.clone().map(of).sum::<f64>() / count;
     let (x, y) = (mean(|point| point.0), mean(|point| point.1));

@@ -10,9 +10,11 @@ mod day;
 mod hostile;
 mod latency;
 mod plant;
-mod server;
+pub mod server;
 mod sinks;
 mod start;
 mod thousand;
-mod usage;
+pub mod usage;
 mod witness;
+
+pub use day::slope;

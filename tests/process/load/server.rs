@@ -2,9 +2,12 @@
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, Weak};
 use std::thread;
 use std::time::Duration;
+
+/// Interval between looks for connections.
+const LOOK: Duration = Duration::from_millis(5);
 
 /// Reaction to a request.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,29 +42,18 @@ impl Server {
             taken: Mutex::default(),
             refused: Mutex::default(),
         });
-        let server = Self { address, shared };
-        if mood != Mood::Down {
-            server.listen(listener);
-        }
-        server
+        let weak = Arc::downgrade(&shared);
+        thread::spawn(move || listen(listener, &weak));
+        Self { address, shared }
     }
 
-    fn listen(&self, listener: TcpListener) {
-        let shared = Arc::clone(&self.shared);
-        thread::spawn(move || {
-            for stream in listener.incoming().flatten() {
-                let shared = Arc::clone(&shared);
-                thread::spawn(move || shared.answer(stream));
-            }
-        });
+    /// Answers so from now on.
+    pub fn set(&self, mood: Mood) {
+        *self.shared.mood.lock().unwrap() = mood;
     }
 
-    /// Answers normally from now on.
     pub fn heal(&self) {
-        let before = std::mem::replace(&mut *self.shared.mood.lock().unwrap(), Mood::Well);
-        if before == Mood::Down {
-            self.listen(TcpListener::bind(self.address).unwrap());
-        }
+        self.set(Mood::Well);
     }
 
     pub fn taken(&self) -> Vec<String> {
@@ -73,8 +65,29 @@ impl Server {
     }
 }
 
+/// Takes connections while there is a listener to be, and until the server is dropped.
+fn listen(listener: TcpListener, shared: &Weak<Shared>) {
+    let address = listener.local_addr().unwrap();
+    let mut listener = Some(listener);
+    while let Some(shared) = shared.upgrade() {
+        if *shared.mood.lock().unwrap() == Mood::Down {
+            listener = None;
+        } else {
+            let listener = listener.get_or_insert_with(|| TcpListener::bind(address).unwrap());
+            listener.set_nonblocking(true).unwrap();
+            while let Ok((stream, _)) = listener.accept() {
+                let shared = Arc::clone(&shared);
+                thread::spawn(move || shared.answer(stream));
+            }
+        }
+        drop(shared);
+        thread::sleep(LOOK);
+    }
+}
+
 impl Shared {
     fn answer(&self, stream: TcpStream) -> Option<()> {
+        stream.set_nonblocking(false).ok()?;
         stream.set_read_timeout(Some(Duration::from_secs(60))).ok()?;
         let mut reader = BufReader::new(stream);
         loop {
@@ -103,7 +116,8 @@ impl Shared {
                     *self.refused.lock().unwrap() += 1;
                     answer
                 }
-                Mood::Down | Mood::Hanging => {
+                Mood::Down => return None,
+                Mood::Hanging => {
                     *self.refused.lock().unwrap() += 1;
                     // Until the other side gives up.
                     let _ = reader.read(&mut [0]);

@@ -58,6 +58,7 @@ pub mod study;
 mod template;
 mod tests_of_rod;
 pub mod track;
+pub mod trial;
 pub mod which_store;
 
 use crate::analysis::inference::PlanError;
@@ -103,6 +104,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Serve(args) => serve::run(args),
         Command::Send(args) => send::run(args),
         Command::Completions(args) => completions::run(args, &mut Cli::command()),
+        Command::Trial(args) => trial::run(args),
         Command::Manual(args) => manual::run(args, &Cli::command()),
     }
 }

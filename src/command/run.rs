@@ -51,5 +51,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         settings: args.settings.clone(),
         threads: args.threads.map(usize::from),
         given_up: args.given_up.rods(),
+        // The very program that runs, also after an upgrade put another in its place.
+        program: Some(PathBuf::from("/proc/self/exe")),
     })
 }

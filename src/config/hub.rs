@@ -7,6 +7,7 @@ use super::settings::alert::{AlertSettings, SinkSettings};
 use super::settings::forward::NatsSettings;
 use super::settings::http::HttpSettings;
 use super::settings::hub::{PostgresSettings, SiteSettings, Storage};
+use super::value::toml_floats;
 use super::{ConfigError, forward, http, parse_tables, read_text, sink};
 use std::path::{Path, PathBuf};
 
@@ -120,7 +121,7 @@ impl HubConfig {
                 "at least one [[site]]: the messages of no other are taken",
             );
         }
-        let sinks = sink::read_all(root, &[]);
+        let sinks = sink::read_all(root, sink::Whose::Centre(&names));
         let alert = root.section(
             "alert",
             "How the sinks are told of the hub and its sites.",
@@ -257,6 +258,28 @@ fn site(table: &mut Table<'_>) -> Option<SiteSettings> {
         },
         |text| toml_string(text),
     );
+    let position = table.take(
+        key(
+            "position",
+            "latitude and longitude, WGS 84, where the map shows it [degrees]",
+        ),
+        "[latitude, longitude]: -90 to 90, and -180 to 180",
+        Absent::Nothing("it is not on the map"),
+        |value| {
+            let list = value.numbers(Range::within(-180.0, 180.0), 2, 2)?;
+            let [latitude, longitude] = list[..] else {
+                return None;
+            };
+            if latitude.abs() > 90.0 {
+                value.fault(format!(
+                    "{latitude} is no latitude: it comes first, from -90 to 90"
+                ));
+                return None;
+            }
+            Some([latitude, longitude])
+        },
+        |position| toml_floats(position),
+    );
     let silent_s = HOUR_S
         * table.number(
             key(
@@ -278,6 +301,7 @@ fn site(table: &mut Table<'_>) -> Option<SiteSettings> {
         command_key,
         name: name?,
         link,
+        position,
         silent_s,
     })
 }

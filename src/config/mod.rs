@@ -5,6 +5,8 @@
 
 mod abc;
 mod alarm;
+#[cfg(feature = "daemon")]
+mod bucket;
 mod channel;
 pub mod datum;
 mod effective;
@@ -56,6 +58,8 @@ use crate::analysis::track::{AlarmSettings, TrackSettings};
 #[cfg(feature = "daemon")]
 use crate::config::settings::alert::{AlertSettings, SinkSettings};
 #[cfg(feature = "daemon")]
+use crate::config::settings::bucket::BucketSettings;
+#[cfg(feature = "daemon")]
 use crate::config::settings::forward::ForwardSettings;
 use crate::config::settings::http::HttpSettings;
 use crate::config::settings::ingest::IngestSettings;
@@ -75,7 +79,7 @@ use toml::de::DeTable;
 pub const LONGEST: usize = 1 << 20;
 
 /// Sections that no result depends on.
-const OPERATION: [&str; 7] = [
+const OPERATION: [&str; 8] = [
     "simulation",
     "ingest",
     "journal",
@@ -83,6 +87,7 @@ const OPERATION: [&str; 7] = [
     "sink",
     "alert",
     "forward",
+    "bucket",
 ];
 
 const BUILT_IN: &str = include_str!("../../config/todi.toml");
@@ -119,6 +124,9 @@ pub struct Config {
     /// Copy of the results to a centre; `None` without a `[forward]`.
     #[cfg(feature = "daemon")]
     pub forward: Option<ForwardSettings>,
+    /// Copy of the journal's parts to object storage; `None` without a `[bucket]`.
+    #[cfg(feature = "daemon")]
+    pub bucket: Option<BucketSettings>,
     /// Simulation that `simulate` writes; `None` without a `[simulation]`.
     pub simulation: Option<SimulationConfig>,
     effective: effective::Node,
@@ -219,7 +227,7 @@ impl Config {
         emulator::check_chaos(root, model, &rods);
         sensor::check_patience(root, alarm.silence_s, &rods);
         #[cfg(feature = "daemon")]
-        let sinks = sink::read_all(root, &rods);
+        let sinks = sink::read_all(root, sink::Whose::Site(&rods));
         #[cfg(feature = "daemon")]
         let alert = root.section(
             "alert",
@@ -237,9 +245,20 @@ impl Config {
             Some(forward) => Some(forward?),
             None => None,
         };
+        #[cfg(feature = "daemon")]
+        let bucket = root.optional_section(
+            "bucket",
+            "Copy of the journal's parts to object storage (`run`).",
+            bucket::read,
+        );
+        #[cfg(feature = "daemon")]
+        let bucket = match bucket {
+            Some(bucket) => Some(bucket?),
+            None => None,
+        };
         // Addresses and mailboxes are checked by the crates that use them.
         #[cfg(not(feature = "daemon"))]
-        root.ignore(&["sink", "alert", "forward"]);
+        root.ignore(&["sink", "alert", "forward", "bucket"]);
         let simulation = root.optional_section("simulation", "What `tirante simulate` writes.", |table| {
             simulation::read(table, &rods)
         });
@@ -264,6 +283,8 @@ impl Config {
             alert,
             #[cfg(feature = "daemon")]
             forward,
+            #[cfg(feature = "daemon")]
+            bucket,
             simulation,
             effective: effective::Node::root(),
         })
@@ -288,7 +309,7 @@ impl Config {
     }
 
     /// SHA-256 of the effective configuration without comments and without the sections that affect no result
-    /// (`[simulation]`, `[ingest]`, `[journal]`, `[http]`, `[[sink]]`, `[alert]`, `[forward]`): equal for texts that mean
+    /// (`[simulation]`, `[ingest]`, `[journal]`, `[http]`, `[[sink]]`, `[alert]`, `[forward]`, `[bucket]`): equal for texts that mean
     /// the same for measured data.
     pub fn hash(&self) -> [u8; 32] {
         let mut text = String::new();

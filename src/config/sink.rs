@@ -33,14 +33,23 @@ const KINDS: [(&str, Kind); 4] = [
     ("email", Kind::Email),
 ];
 
-/// Reads all sinks; `rods` are those of the site, for the filters.
-pub(super) fn read_all(root: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<Vec<SinkSettings>> {
+/// Whose alarms the sinks are told.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Whose<'c> {
+    /// Those of a site with these rods.
+    Site(&'c [Option<RodConfig>]),
+    /// Those of a centre with these sites.
+    Centre(&'c [String]),
+}
+
+/// Reads all sinks; their filters name rods, at a centre sites.
+pub(super) fn read_all(root: &mut Table<'_>, whose: Whose<'_>) -> Option<Vec<SinkSettings>> {
     let mut ids: Vec<(String, usize)> = Vec::new();
     let sinks = root.list(
         "sink",
         "Where alarms go; the log is always told (`run`).",
         |table| {
-            let sink = read(table, rods);
+            let sink = read(table, whose);
             let line = table.line_of("id");
             if let Some(SinkSettings { id, .. }) = &sink {
                 match ids.iter().find(|(other, _)| other.eq_ignore_ascii_case(id)) {
@@ -65,7 +74,7 @@ pub(super) fn read_all(root: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Opti
     sinks.into_iter().collect()
 }
 
-fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSettings> {
+fn read(table: &mut Table<'_>, whose: Whose<'_>) -> Option<SinkSettings> {
     let id = table.take(
         key(
             "id",
@@ -89,6 +98,7 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
             "url",
             "kinds",
             "rods",
+            "sites",
             "token_file",
             "headers",
             "resend_s",
@@ -120,9 +130,23 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
         |address| toml_string(&address.url),
     );
     let kinds = filter(table, "kinds", "kinds of alarms it wants", alarm_kind);
-    let rods = filter(table, "rods", "rods whose alarms it wants", |value| {
-        rod(value, rods)
-    });
+    let (rods, sites) = match whose {
+        Whose::Site(known) => (
+            filter(table, "rods", "rods whose alarms it wants", |value| {
+                rod(value, known)
+            }),
+            Some(Vec::new()),
+        ),
+        Whose::Centre(known) => (
+            Some(Vec::new()),
+            filter(
+                table,
+                "sites",
+                "sites whose alarms and conditions it wants",
+                |value| site(value, known),
+            ),
+        ),
+    };
     let is_http = matches!(kind, Kind::Webhook | Kind::Alertmanager);
     let token_file = file(
         table,
@@ -281,6 +305,7 @@ fn read(table: &mut Table<'_>, rods: &[Option<RodConfig>]) -> Option<SinkSetting
         kind,
         kinds: kinds?,
         rods: rods?,
+        sites: sites?,
     })
 }
 
@@ -369,4 +394,13 @@ fn rod(value: &Value<'_>, rods: &[Option<RodConfig>]) -> Option<RodId> {
         value.fault(format!("there is no [[rod]] with id \"{id}\""));
     }
     is_known.then(|| RodId(id.to_owned()))
+}
+
+fn site(value: &Value<'_>, known: &[String]) -> Option<String> {
+    let name = value.name_string()?;
+    if !known.iter().any(|site| site == name) {
+        value.fault(format!("there is no [[site]] with name \"{name}\""));
+        return None;
+    }
+    Some(name.to_owned())
 }

@@ -279,7 +279,7 @@ fn quarantined() {
     let deaths: BTreeMap<String, u32> = statement
         .query_map((), |row| {
             let (rod, identity) = (row.get::<_, String>(0)?, row.get::<_, String>(1)?);
-            Ok((format!("record {identity} of rod {rod}"), 2))
+            Ok((format!("record {identity} of rod {rod}"), 4))
         })
         .unwrap()
         .map(Result::unwrap)

@@ -20,8 +20,9 @@ use tirante::recording::read::Step;
 use tirante::recording::read::folder::recordings;
 use tirante::recording::read::recordings::Recordings;
 use tirante::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
+use tirante::service::daemon::places::Place;
 use tirante::service::daemon::reader::{JournalSource, Reader, Remembered, Sources, Surroundings};
-use tirante::service::daemon::steps::Watch;
+use tirante::service::daemon::steps::{Aside, Watch};
 use tirante::service::journal::{Around, Batch, Bell, End, Entry, Journal};
 use tirante::service::telemetry::{Fault, Health};
 use tirante::site::driver::Job;
@@ -432,7 +433,7 @@ fn no_two_steps_of_a_file_have_one_name_and_they_are_the_same_the_next_time() {
         let noted = Arc::clone(&steps);
         let watch = Watch {
             working_on: Box::new(move |step| noted.lock().unwrap().extend(step.map(str::to_owned))),
-            deaths: Box::new(|_| 0),
+            aside: Box::new(|_, _| Aside::Nothing),
             is_read: Box::new(|_| {}),
         };
         let mut run = Run::with(folder.path(), 600.0, Remembered::default(), watch);
@@ -450,19 +451,25 @@ fn no_two_steps_of_a_file_have_one_name_and_they_are_the_same_the_next_time() {
 }
 
 #[test]
-fn what_twice_ended_the_program_alone_is_set_aside_and_the_rest_goes_on() {
+fn what_ends_the_program_is_set_aside_and_the_rest_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("bad.mcap"), measured(0.0, 20.0)).unwrap();
     fs::write(folder.path().join("good.mcap"), measured(100.0, 20.0)).unwrap();
     let watch = Watch {
         working_on: Box::new(|_| {}),
-        deaths: Box::new(|step| if step.starts_with("bad.mcap@") { 2 } else { 1 }),
+        aside: Box::new(|name, _| match name {
+            "bad.mcap" => Aside::From {
+                places: vec![Place { offset: 0, taken: 0 }],
+                why: "ended the program 4 times".to_owned(),
+            },
+            _ => Aside::Nothing,
+        }),
         is_read: Box::new(|_| {}),
     };
     let mut run = Run::with(folder.path(), 600.0, Remembered::default(), watch);
     run.until("both", |run| run.done("bad.mcap") && run.done("good.mcap"));
     assert!(
-        matches!(&run.remembered.files["bad.mcap"].state, FileState::Quarantined(why) if why.contains("2 times"))
+        matches!(&run.remembered.files["bad.mcap"].state, FileState::Quarantined(why) if why.contains("4 times"))
     );
     assert_eq!(run.remembered.files["good.mcap"].state, FileState::Done);
     assert_eq!((run.records.len(), run.health.count(Fault::Quarantined)), (2, 1));
@@ -476,7 +483,7 @@ fn what_a_file_lost_is_kept_with_its_mark() {
     fs::write(folder.path().join("cut.mcap"), &whole[..whole.len() / 2]).unwrap();
     let watch = Watch {
         working_on: Box::new(|_| {}),
-        deaths: Box::new(|_| 0),
+        aside: Box::new(|_, _| Aside::Nothing),
         is_read: Box::new(|_| {}),
     };
     let mut run = Run::with(folder.path(), 1.0, Remembered::default(), watch);
@@ -494,7 +501,10 @@ fn a_file_whose_beginning_is_deadly_too_is_set_aside_as_a_whole() {
     fs::write(folder.path().join("good.mcap"), measured(100.0, 20.0)).unwrap();
     let watch = Watch {
         working_on: Box::new(|step| assert!(step.is_none_or(|step| !step.starts_with("bad.mcap")))),
-        deaths: Box::new(|step| if step == "file bad.mcap" { 3 } else { 0 }),
+        aside: Box::new(|name, _| match name {
+            "bad.mcap" => Aside::Whole("bad.mcap: the whole file is set aside".to_owned()),
+            _ => Aside::Nothing,
+        }),
         is_read: Box::new(|_| {}),
     };
     let mut run = Run::with(folder.path(), 600.0, Remembered::default(), watch);
@@ -561,6 +571,7 @@ fn journal(folder: &Path) -> Live {
     let settings = JournalSettings::default();
     // Nothing is old or large enough here to be asked for.
     let around = Around {
+        copied: None,
         health: Arc::default(),
         halted: Arc::default(),
         vouch: Box::new(|_| Vec::new()),

@@ -17,6 +17,7 @@ mod synthetic;
 
 mod alerts;
 mod browser;
+mod bucket;
 mod certificates;
 mod fault_kinds;
 mod folder;

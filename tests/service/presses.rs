@@ -354,7 +354,7 @@ fn a_stop_is_told_once_and_the_rest_beneath_it() {
     browser.open(&server, "/alarms");
     browser.wait("the alarms", ALARMS);
     let source = format!(
-        "const real = window.fetch; window.fetch = (path, options) => path.endsWith('/api/v1/site')
+        "const real = window.fetch; window.fetch = (path, options) => path.endsWith('api/v1/site')
            ? Promise.resolve(new Response({})) : real(path, options);",
         json!(site.to_string())
     );

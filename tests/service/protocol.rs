@@ -123,6 +123,19 @@ fn lines_become_messages() {
 }
 
 #[test]
+fn a_topic_that_is_to_be_named_is_seen_among_any_number_of_others() {
+    let mut protocol = Protocol::new(Arc::new(["/air".to_owned()].into()));
+    protocol.name(topics());
+    for number in 0..100 {
+        protocol.push(format!("{{\"topic\":\"/none-{number}\",\"value\":1}}\n").as_bytes());
+    }
+    protocol.push(b"{\"topic\":\"/laser\",\"value\":1}\n");
+    while protocol.next(7).unwrap().is_some() {}
+    assert!(protocol.strays().any(|topic| topic == "/laser"));
+    assert!(protocol.strays().count() < 20);
+}
+
+#[test]
 fn any_cut_of_the_bytes_means_the_same() {
     let small = WriterOptions {
         chunk_bytes: Some(300),

@@ -5,8 +5,10 @@ mod compare;
 mod key;
 mod parked;
 mod rebuild;
+mod report;
 mod serve;
 mod sites;
+mod store;
 
 use super::BadArguments;
 use crate::config::HubConfig;
@@ -25,6 +27,10 @@ use std::process::ExitCode;
   tirante hub sites --config hub.toml            # list of sites, worst first
   tirante hub compare todi --store replayed.db \\
       --config hub.toml                          # equal row by row?
+  tirante hub report todi --out reports/ \\
+      --config hub.toml                          # its page, from the centre's rows
+  tirante hub store todi --out todi.db \\
+      --config hub.toml                          # its rows as a store
   tirante hub rebuild --config hub.toml          # fold the whole stream anew
 
 Exit codes: 0 good; 1 something cannot be opened, or is not fit (the server is
@@ -51,6 +57,8 @@ pub enum Action {
     Compare(compare::Args),
     Parked(parked::Args),
     Rebuild(rebuild::Args),
+    Report(report::Args),
+    Store(store::Args),
     Key(key::Args),
 }
 
@@ -73,6 +81,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         Some(Action::Compare(compare)) => compare::run(compare, &config()?),
         Some(Action::Parked(parked)) => parked::run(parked, &config()?),
         Some(Action::Rebuild(_)) => rebuild::run(&config()?),
+        Some(Action::Report(report)) => report::run(report, &config()?),
+        Some(Action::Store(store)) => store::run(store, &config()?),
         Some(Action::Key(key)) => key::run(key),
     }
 }

@@ -47,12 +47,13 @@ pub fn run(config: HubConfig) -> anyhow::Result<ExitCode> {
         tracing::warn!("the hub ends although the database or the post hangs");
         std::process::exit(0);
     });
+    let config = Arc::new(config);
     let hub = Hub::new(&config, &runtime, Arc::clone(&health), stopping);
     // What is not fit is told at once; what fails later is tried again.
     hub.check()?;
     if let Some(listener) = listener {
         tell!("all sites at http://{}", listener.local_addr()?);
-        let page = Page::new(Arc::new(config.clone()), Arc::clone(&health), hub.beat()).routes(access);
+        let page = Page::new(Arc::clone(&config), Arc::clone(&health), hub.beat(), &access)?.routes(access);
         let health = Arc::clone(&health);
         runtime.spawn(async move {
             if let Err(error) = http::serve(listener, page, health, stopped).await {
@@ -60,7 +61,7 @@ pub fn run(config: HubConfig) -> anyhow::Result<ExitCode> {
             }
         });
     }
-    runtime.spawn(hub.heard().listen(Arc::new(config.clone()), Arc::clone(&health)));
+    runtime.spawn(hub.heard().listen(Arc::clone(&config), Arc::clone(&health)));
     let watch = Watch::start(&config, &health, hub.beat())?;
     tell!("ready: {} sites on the list", config.sites.len());
     hub.run();

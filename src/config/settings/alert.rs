@@ -54,6 +54,8 @@ pub struct SinkSettings {
     pub kinds: Vec<Kind>,
     /// Rods whose alarms are delivered; all if empty.
     pub rods: Vec<RodId>,
+    /// Sites of a centre whose alarms and conditions are delivered; all if empty.
+    pub sites: Vec<String>,
 }
 
 impl SinkSettings {
@@ -64,6 +66,7 @@ impl SinkSettings {
             kind: SinkKind::Log,
             kinds: Vec::new(),
             rods: Vec::new(),
+            sites: Vec::new(),
         }
     }
 
@@ -71,6 +74,14 @@ impl SinkSettings {
     pub fn wants(&self, kind: Kind, rod: &RodId) -> bool {
         (self.kinds.is_empty() || self.kinds.contains(&kind))
             && (self.rods.is_empty() || self.rods.contains(rod))
+            && self.wants_site_of(&rod.0)
+    }
+
+    /// True if news about this rod or condition of a centre's sites are delivered: its id has the site and a slash in front. What is
+    /// no site's is always.
+    pub fn wants_site_of(&self, id: &str) -> bool {
+        let site = id.split_once('/').map(|(site, _)| site);
+        self.sites.is_empty() || site.is_none_or(|site| self.sites.iter().any(|wanted| wanted == site))
     }
 }
 

@@ -30,6 +30,8 @@ pub struct SiteSettings {
     pub name: String,
     /// Address of its own page, shown as a link.
     pub link: Option<String>,
+    /// Latitude and longitude, WGS 84 \[degrees\].
+    pub position: Option<[f64; 2]>,
     /// Time without a message or sign of life after which it counts as silent \[s\].
     pub silent_s: f64,
     /// File with the seed that signs commands to it.

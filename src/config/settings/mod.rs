@@ -2,6 +2,8 @@
 
 #[cfg(feature = "daemon")]
 pub mod alert;
+#[cfg(feature = "daemon")]
+pub mod bucket;
 pub mod credential;
 #[cfg(feature = "daemon")]
 pub mod forward;

@@ -274,11 +274,17 @@ impl Courier {
     /// Sends the notices of the daemon's conditions, which go to every sink.
     fn send_notices(&mut self, reader: &Reader, place: &mut Place) -> Result<(), Trouble> {
         loop {
-            let notices = reader.notices_after(place.notices, BATCH)?;
-            if notices.is_empty() {
+            let mut notices = reader.notices_after(place.notices, BATCH)?;
+            let Some(last) = notices.last().map(|notice| notice.number) else {
                 return Ok(());
+            };
+            notices.retain(|notice| self.errand.settings.wants_site_of(&notice.condition));
+            if notices.is_empty() {
+                place.notices = last;
+                self.arrive(*place);
+                self.report(&notices_mark(&self.errand.settings.id), place.notices)?;
+                continue;
             }
-            let last = notices.last().map_or(place.notices, |notice| notice.number);
             if !self.sink.gathers_for().is_zero() {
                 let messages = notices
                     .iter()
@@ -388,7 +394,8 @@ impl Courier {
             .iter()
             .filter(|alarm| !alarm.is_over() && self.errand.settings.wants(alarm.kind, &alarm.rod))
             .map(|alarm| Message::standing(site, alarm));
-        let conditions = reader.standing_notices()?;
+        let mut conditions = reader.standing_notices()?;
+        conditions.retain(|begun| self.errand.settings.wants_site_of(&begun.condition));
         let conditions = conditions.iter().map(|begun| Message::lasting(site, begun));
         Ok(alarms.chain(conditions).collect())
     }

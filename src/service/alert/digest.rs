@@ -1,15 +1,19 @@
 //! Several messages in one mail: what a power cut or an outage of the mail server brings.
 
 use super::Message;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
 /// Most messages listed in full; a mail may not grow without bound.
 const LISTED: usize = 200;
 
-/// Subject of several messages: how many of each kind.
+/// Subject of several messages: how many of each kind, and of how many sites.
 pub(super) fn subject(messages: &[Message]) -> String {
-    let site = messages.first().map_or("", |message| message.site.as_str());
+    let sites: BTreeSet<&str> = messages.iter().map(|message| message.site.as_str()).collect();
+    let whose = match (sites.first(), sites.len()) {
+        (Some(site), 1) => (*site).to_owned(),
+        (_, count) => format!("{count} sites"),
+    };
     let mut counts: BTreeMap<(&str, &str), usize> = BTreeMap::new();
     for message in messages {
         *counts.entry((&message.kind, message.what.code())).or_default() += 1;
@@ -18,29 +22,60 @@ pub(super) fn subject(messages: &[Message]) -> String {
         .iter()
         .map(|((kind, what), count)| format!("{count} {kind} {what}"))
         .collect();
-    format!("{site}: {} messages: {}", messages.len(), kinds.join(", "))
+    format!("{whose}: {} messages: {}", messages.len(), kinds.join(", "))
 }
 
-/// Text of several messages, in their order, one paragraph each.
+/// Text of several messages, in their order, one paragraph each; those of a centre by site.
 pub(super) fn text(messages: &[Message]) -> String {
+    let mut sites: Vec<&str> = Vec::new();
+    for message in messages {
+        if !sites.contains(&message.site.as_str()) {
+            sites.push(&message.site);
+        }
+    }
     let mut text = String::new();
-    for message in messages.iter().take(LISTED) {
-        // Writing to a string cannot fail.
-        let _ = writeln!(
-            text,
-            "{} {}, rod {}, {}\n    {}\n    alarm {}\n",
-            message.kind,
-            message.what.code(),
-            message.rod,
-            message.time,
-            message.message,
-            message.alarm
-        );
+    let mut listed = 0;
+    for site in &sites {
+        let of_site: Vec<&Message> = messages.iter().filter(|message| message.site == *site).collect();
+        if sites.len() > 1 && listed < LISTED {
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "== {site}: {} messages\n", of_site.len());
+        }
+        for message in of_site {
+            listed += 1;
+            if listed > LISTED {
+                break;
+            }
+            let whose = match &message.about {
+                Some(about) => format!("of the monitoring ({about})"),
+                None => format!("rod {}", message.rod),
+            };
+            let _ = writeln!(
+                text,
+                "{} {}, {whose}, {}\n    {}\n    alarm {}\n",
+                message.kind,
+                message.what.code(),
+                message.time,
+                message.message,
+                message.alarm
+            );
+        }
     }
+    let is_of_centre = messages.iter().any(Message::is_of_centre);
     if let Some(more @ 1..) = messages.len().checked_sub(LISTED) {
-        let _ = writeln!(text, "and {more} more: `tirante history --what alarms`\n");
+        let look = if is_of_centre {
+            "tirante hub sites"
+        } else {
+            "tirante history --what alarms"
+        };
+        let _ = writeln!(text, "and {more} more: `{look}`\n");
     }
-    text += "`tirante status` shows what stands; `tirante ack --config FILE ALARM` says that somebody knows.";
+    text += if is_of_centre {
+        "`tirante hub sites --config hub.toml` shows what stands; `tirante hub command SITE acknowledge ALARM --by NAME --reason TEXT` says that \
+         somebody knows."
+    } else {
+        "`tirante status` shows what stands; `tirante ack --config FILE ALARM` says that somebody knows."
+    };
     text
 }
 
@@ -69,6 +104,17 @@ mod tests {
         for rod in 0..40 {
             assert!(said.contains(&format!("rod nave-{rod},")), "{said}");
         }
+        let of_centre = |site: &str, rod: usize| Message {
+            site: site.to_owned(),
+            id: format!("{site}/a{rod}-raised-1"),
+            ..of(rod, "no-data")
+        };
+        let messages = [of_centre("todi", 1), of_centre("gubbio", 2), of_centre("todi", 3)];
+        assert_eq!(subject(&messages), "2 sites: 3 messages: 3 no-data test");
+        let said = text(&messages);
+        let place = |part: &str| said.find(part).unwrap_or_else(|| panic!("{part}: {said}"));
+        assert!(place("== todi: 2") < place("rod nave-1") && place("rod nave-1") < place("rod nave-3"));
+        assert!(place("rod nave-3") < place("== gubbio: 1") && said.contains("hub command SITE acknowledge"));
         let many: Vec<Message> = (0..LISTED + 7).map(|rod| of(rod, "sensor")).collect();
         assert!(text(&many).contains("and 7 more"));
     }

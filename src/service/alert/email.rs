@@ -80,7 +80,7 @@ impl Email {
         let known = messages.iter().filter(|message| message.what != What::Test);
         let alarms: Vec<String> = known
             .take(REFERENCES)
-            .map(|message| format!("<{}@{domain}>", message.alarm))
+            .map(|message| format!("<{}@{domain}>", message.conversation()))
             .collect();
         if !alarms.is_empty() {
             mail = mail.references(alarms.join(" "));

@@ -76,7 +76,7 @@ pub struct Message {
     pub site: String,
     /// Id of the rod; empty for messages about the daemon.
     pub rod: String,
-    /// Id of the alarm: one for each condition, from its raising to its end.
+    /// Id of the alarm at its site: one for each condition, from its raising to its end.
     pub alarm: String,
     /// Kind of the alarm.
     pub kind: String,
@@ -128,6 +128,34 @@ impl Message {
             change: alarm.change.clone(),
             about: None,
         }
+        .at_its_site()
+    }
+
+    /// The message of an alarm or condition that a centre took in from a site: ids and rods are kept behind the site's name and a
+    /// slash, which no id of a store's own has.
+    fn at_its_site(mut self) -> Self {
+        if let Some((site, alarm)) = self.alarm.split_once('/') {
+            if let Some((_, rod)) = self.rod.split_once('/') {
+                self.rod = rod.to_owned();
+            }
+            self.site = site.to_owned();
+            self.alarm = alarm.to_owned();
+        }
+        self
+    }
+
+    /// True if a centre tells it of one of its sites.
+    pub fn is_of_centre(&self) -> bool {
+        self.id.contains('/')
+    }
+
+    /// Name of its alarm that no other alarm has, of whatever site a centre tells.
+    pub fn conversation(&self) -> String {
+        if self.is_of_centre() {
+            format!("{}/{}", self.site, self.alarm)
+        } else {
+            self.alarm.clone()
+        }
     }
 
     /// Message about a condition of the daemon that began or ended.
@@ -164,6 +192,7 @@ impl Message {
             change: None,
             about: Some(notice.about.clone()),
         }
+        .at_its_site()
     }
 
     /// Daily message; `said` lists the present conditions.
@@ -288,7 +317,15 @@ impl Message {
                 ),
             );
         }
-        if self.stands && self.acknowledged.is_none() && !self.is_of_daemon() {
+        if !self.stands || self.acknowledged.is_some() || self.is_of_daemon() {
+            // Nothing to acknowledge.
+        } else if self.is_of_centre() {
+            text += &format!(
+                "\n`tirante hub command {} acknowledge {} --by NAME --reason TEXT --config hub.toml` says that somebody knows: it \
+                 is then not told again.",
+                self.site, self.alarm
+            );
+        } else {
             text += &format!(
                 "\n`tirante ack --config FILE {}` says that somebody knows: it is then not told again.",
                 self.alarm
@@ -412,6 +449,27 @@ mod tests {
         ids.push(Message::standing("Duomo", &drift()).id);
         assert_eq!(ids.iter().collect::<std::collections::BTreeSet<_>>().len(), 6);
         assert_eq!(ids[5], Message::standing("Duomo", &drift()).id);
+    }
+
+    #[test]
+    fn a_centre_tells_an_alarm_under_its_sites_name() {
+        let mut alarm = drift();
+        let own = Message::of_news("centre", &news(alarm::What::Raised, RAISED, alarm.clone()));
+        alarm.id = format!("todi/{}", alarm.id);
+        alarm.rod = RodId("todi/nave-3".into());
+        let message = Message::of_news("centre", &news(alarm::What::Raised, RAISED, alarm));
+        assert_eq!(
+            (message.site.as_str(), message.rod.as_str(), &message.alarm),
+            ("todi", "nave-3", &own.alarm)
+        );
+        assert_eq!(message.id, format!("todi/{}", own.id));
+        assert_eq!(message.subject(), "todi, rod nave-3: drift raised");
+        let hint = format!("tirante hub command todi acknowledge {} --by", own.alarm);
+        assert!(message.text().contains(&hint), "{}", message.text());
+        let mut begun = ConditionEvent::raised("disk-full", "site.db", RAISED, "no room on the disk");
+        begun.condition = format!("todi/{}", begun.condition);
+        let message = Message::of_notice("centre", &begun);
+        assert_eq!(message.subject(), "todi, monitoring: disk-full");
     }
 
     #[test]

@@ -1,16 +1,18 @@
 //! Page, API, health and metrics of the centre.
 
+use super::copies::Copies;
+use super::map;
 use super::sites::{self, SiteRow};
 use crate::config::HubConfig;
 use crate::service::http::Access;
 use crate::service::telemetry::{Beat, Health};
 use crate::site::clock;
 use axum::Router;
-use axum::extract::{Request, State};
+use axum::extract::{Path, Request, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::{self, Next};
-use axum::response::{Html, IntoResponse, Response};
-use axum::routing::get;
+use axum::response::{Html, IntoResponse, Redirect, Response};
+use axum::routing::{any, get};
 use serde::Serialize;
 use std::fmt::Write;
 use std::sync::Arc;
@@ -35,17 +37,27 @@ pub struct Page {
     health: Arc<Health>,
     beat: Arc<Beat>,
     listed: Arc<Mutex<Option<Listed>>>,
+    copies: Arc<Copies>,
 }
 
 impl Page {
     /// A page that reads the database of the configuration.
-    pub fn new(config: Arc<HubConfig>, health: Arc<Health>, beat: Arc<Beat>) -> Self {
-        Self {
+    ///
+    /// # Errors
+    /// There is no folder for copies of the sites' rows.
+    pub fn new(
+        config: Arc<HubConfig>,
+        health: Arc<Health>,
+        beat: Arc<Beat>,
+        access: &Access,
+    ) -> std::io::Result<Self> {
+        Ok(Self {
+            copies: Copies::new(Arc::clone(&config), access.clone())?,
             config,
             health,
             beat,
             listed: Arc::default(),
-        }
+        })
     }
 
     /// Routes of the page; a name that is not ours is not answered.
@@ -66,9 +78,11 @@ impl Page {
                     (header::CONTENT_SECURITY_POLICY, strict),
                     (header::REFERRER_POLICY, "no-referrer"),
                 ] {
+                    // A site's page has stricter ones.
                     response
                         .headers_mut()
-                        .insert(name, HeaderValue::from_static(value));
+                        .entry(name)
+                        .or_insert(HeaderValue::from_static(value));
                 }
                 response
             }
@@ -79,6 +93,9 @@ impl Page {
             .route("/api/v1/sites", get(api))
             .route("/healthz", get(healthz))
             .route("/metrics", get(metrics))
+            .route("/sites/{site}", get(with_slash))
+            .route("/sites/{site}/", any(begin_of_site))
+            .route("/sites/{site}/{*rest}", any(of_site))
             .layer(hosts)
             .with_state(self)
     }
@@ -215,9 +232,30 @@ async fn metrics(State(page): State<Page>) -> Response {
     ([(header::CONTENT_TYPE, kind)], out).into_response()
 }
 
+/// The address with the slash from which the links of a site's page begin.
+async fn with_slash(State(page): State<Page>, Path(site): Path<String>) -> Response {
+    match page.config.site(&site) {
+        Some(listed) => Redirect::permanent(&format!("{}/", listed.name)).into_response(),
+        None => (StatusCode::NOT_FOUND, "there is no such site on the list\n").into_response(),
+    }
+}
+
+async fn begin_of_site(State(page): State<Page>, Path(site): Path<String>, request: Request) -> Response {
+    page.copies.answer(&site, request).await
+}
+
+async fn of_site(
+    State(page): State<Page>,
+    Path((site, _)): Path<(String, String)>,
+    request: Request,
+) -> Response {
+    page.copies.answer(&site, request).await
+}
+
 async fn page(State(page): State<Page>) -> Response {
+    let config = Arc::clone(&page.config);
     match page.asked().await {
-        Ok(rows) => Html(html(&rows)).into_response(),
+        Ok(rows) => Html(html(&rows, &config)).into_response(),
         Err(response) => response,
     }
 }
@@ -226,7 +264,7 @@ async fn page(State(page): State<Page>) -> Response {
 const SCRIPT: &str = r#"const live = document.getElementById("live");
 setInterval(async () => {
   try {
-    const answer = await fetch("/", { signal: AbortSignal.timeout(20000) });
+    const answer = await fetch("./", { signal: AbortSignal.timeout(20000) });
     if (!answer.ok) throw new Error(await answer.text());
     const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
     document.getElementById("sites").replaceWith(fresh.getElementById("sites"));
@@ -243,32 +281,41 @@ async fn script() -> impl IntoResponse {
 
 const HEAD: &str = "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
 <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"><meta name=\"description\" content=\"All sites, worst first\"><title>Tirante: sites</title>\
-<link rel=\"icon\" href=\"data:,\"><script src=\"/follow.js\" type=\"module\"></script>\
+<link rel=\"icon\" href=\"data:,\"><script src=\"follow.js\" type=\"module\"></script>\
 <style>:root{color-scheme:light dark;--ink:#1b2026;--paper:#fff;--soft:#5b6672;--link:#1f6cb0;--alarm:#b3261e;--warn:#7a5d00;--good:#25724a}\
 @media(prefers-color-scheme:dark){:root{--ink:#e6eaee;--paper:#14181c;--soft:#9ba7b3;--link:#6db3f2;--alarm:#ff8a80;--warn:#e2c25c;--good:#6fce9b}}\
 body{font:16px/1.45 system-ui,sans-serif;margin:1.5rem auto;max-width:75rem;padding:0 1rem;color:var(--ink);background:var(--paper)}a{color:var(--link)}\
 h1{font-size:1.4rem}table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.4rem .6rem .4rem 0;border-bottom:1px solid #8886;vertical-align:top}\
 tbody th{font-weight:600}td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}.w{font-weight:600;white-space:nowrap}.alarm,#live{color:var(--alarm)}\
+#map{width:100%;height:auto;border:1px solid #8886;margin:.5rem 0}#map text{font-size:13px;fill:var(--ink)}#map circle{fill:var(--soft);stroke:var(--paper);stroke-width:1.5}\
+#map circle.alarm{fill:var(--alarm)}#map circle.parked,#map circle.silent,#map circle.not-monitoring{fill:var(--warn)}#map circle.monitoring{fill:var(--good)}\
+#map a:focus circle,#map a:hover circle{stroke:var(--ink)}#map path.grid{stroke:#8884;fill:none}#map text.grid{font-size:11px;fill:var(--soft)}#map path.scale{stroke:var(--ink);stroke-width:2}\
 .parked,.silent,.not-monitoring{color:var(--warn)}.monitoring{color:var(--good)}small{display:block;color:var(--soft)}\
 @media(max-width:46rem){thead{position:absolute;width:1px;height:1px;overflow:hidden;clip-path:inset(50%)}tbody,tr,td,tbody th{display:block}\
 tr{border-bottom:2px solid #8886;padding:.5rem 0}td,tbody th,td.n{border:0;padding:.1rem 0;text-align:left}td::before{content:attr(data-name) \": \";color:var(--soft)}}\
 </style></head><body><main><h1>Sites</h1><p id=\"live\" role=\"status\"></p><div id=\"sites\">";
 
-fn html(rows: &[SiteRow]) -> String {
+fn html(rows: &[SiteRow], config: &HubConfig) -> String {
     let mut out = HEAD.to_owned();
     let alarms = rows.iter().filter(|row| row.alarms > 0).count();
     let _ = write!(
         out,
-        "<p>{} sites, {alarms} with an alarm. Worst first. <a href=\"/api/v1/sites\">JSON</a> · <a href=\"/metrics\">metrics</a></p>\
-         <table><thead><tr><th>Site<th>Worst<th>Rods<th class=n>Alarms<th>Latest record (UTC)<th>Heard (UTC)<th>History</tr></thead><tbody>",
+        "<p>{} sites, {alarms} with an alarm. Worst first. <a href=\"api/v1/sites\">JSON</a> · <a href=\"metrics\">metrics</a></p>",
         rows.len()
     );
+    out += &map::svg(rows, &config.sites).unwrap_or_default();
+    out += "<table><thead><tr><th>Site<th>Worst<th>Rods<th class=n>Alarms<th>Latest record (UTC)<th>Heard (UTC)<th>History</tr></thead><tbody>";
     for row in rows {
         let name = escaped(&row.site);
-        let name = match &row.link {
-            Some(link) => format!("<a href=\"{}\">{name}</a>", escaped(link)),
-            None => name,
+        // A site that only sends has no page: nothing of it is taken.
+        let mut name = if config.site(&row.site).is_some() {
+            format!("<a href=\"sites/{name}/\">{name}</a>")
+        } else {
+            name
         };
+        if let Some(link) = &row.link {
+            let _ = write!(name, "<small><a href=\"{}\">own page</a></small>", escaped(link));
+        }
         let rods: Vec<String> = row
             .rods
             .iter()
@@ -312,7 +359,8 @@ fn to_the_minute(time: &str) -> String {
     }
 }
 
-fn escaped(text: &str) -> String {
+/// Text as part of a document.
+pub(super) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")

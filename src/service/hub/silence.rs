@@ -124,6 +124,7 @@ mod tests {
         let listed = ["todi", "gubbio"].map(|name| SiteSettings {
             name: name.to_owned(),
             link: None,
+            position: None,
             silent_s: 100.0,
             command_key: None,
         });

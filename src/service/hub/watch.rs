@@ -1,12 +1,14 @@
-//! The hub's conditions, among them silent sites, told to its sinks: each begin and end once, whatever is restarted.
+//! The hub's outbox: its conditions, among them silent sites, and the alarms of all sites, told to its sinks, each once, whatever is
+//! restarted.
 //!
 //! It works on a thread and in a file of its own, so that a database or a post that hangs is told, too.
 
+use super::relay::Relay;
 use crate::config::HubConfig;
 use crate::service::alert::{Conditions, Couriers};
 use crate::service::telemetry::{Beat, Fault, Health, Metrics, Telemetry};
 use crate::site::clock;
-use crate::site::store::{Commit, ConditionEvent, Durability, Store, StoreError};
+use crate::site::store::{Commit, ConditionEvent, Durability, Relayed, Store, StoreError};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::{self, JoinHandle};
@@ -20,6 +22,8 @@ const ABOUT: &str = "outbox";
 const LOOK: Duration = Duration::from_millis(500);
 /// Marks of deliveries that may wait.
 const MARKS: usize = 64;
+/// Pages of the sites' events that may wait.
+const PAGES: usize = 4;
 
 /// Error at the start of the watch.
 #[derive(Debug, thiserror::Error)]
@@ -35,6 +39,8 @@ pub enum WatchError {
 /// The running watch, ended when dropped.
 pub struct Watch {
     stop: Option<SyncSender<()>>,
+    /// Dropped to end the relay, which is not waited for: the database may hang.
+    relay: Option<SyncSender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -44,7 +50,7 @@ impl Watch {
     /// # Errors
     /// The outbox cannot be opened, or the system gives no thread.
     pub fn start(
-        config: &HubConfig,
+        config: &Arc<HubConfig>,
         health: &Arc<Health>,
         beat: Arc<Beat>,
     ) -> Result<Option<Self>, WatchError> {
@@ -52,7 +58,9 @@ impl Watch {
             return Ok(None);
         };
         let store = Store::open(path, Durability::Full)?;
-        let standing = store.standing_notices()?;
+        // Those of the sites, whose ids have a slash, are theirs to end.
+        let mut standing = store.standing_notices()?;
+        standing.retain(|notice| !notice.condition.contains('/'));
         for notice in &standing {
             stands_on(notice, config, health);
         }
@@ -71,12 +79,19 @@ impl Watch {
             store,
             conditions: Conditions::new(settle, standing),
             unkept: Vec::new(),
+            unrelayed: None,
             health: Arc::clone(health),
         };
+        let (page, pages) = sync_channel(PAGES);
+        let (relay, relay_stopped) = sync_channel(0);
+        let work = Relay::new(Arc::clone(config), Arc::clone(health), path.clone(), page);
+        thread::Builder::new()
+            .name("relay".to_owned())
+            .spawn(move || work.run(&relay_stopped))?;
         let (stop, stopped) = sync_channel(0);
         let thread = thread::Builder::new().name("watch".to_owned()).spawn(move || {
             while stopped.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
-                if teller.look(&marks) {
+                if teller.look(&marks) | teller.take(&pages) {
                     couriers.wake();
                 }
                 couriers.look_at_clock(clock::now());
@@ -91,6 +106,7 @@ impl Watch {
         })?;
         Ok(Some(Self {
             stop: Some(stop),
+            relay: Some(relay),
             thread: Some(thread),
         }))
     }
@@ -98,6 +114,7 @@ impl Watch {
 
 impl Drop for Watch {
     fn drop(&mut self) {
+        drop(self.relay.take());
         drop(self.stop.take());
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
@@ -120,6 +137,8 @@ struct Teller {
     conditions: Conditions,
     /// Notices that the outbox does not have yet.
     unkept: Vec<ConditionEvent>,
+    /// Events of a site that the outbox does not have yet.
+    unrelayed: Option<Relayed>,
     health: Arc<Health>,
 }
 
@@ -141,6 +160,20 @@ impl Teller {
             return true;
         }
         false
+    }
+
+    /// Puts what the sites told into the outbox; returns true if there is news in it.
+    fn take(&mut self, pages: &Receiver<Relayed>) -> bool {
+        let mut has_news = false;
+        while let Some(relayed) = self.unrelayed.take().or_else(|| pages.try_recv().ok()) {
+            let written = self.store.relay(&relayed);
+            if !self.wrote(written) {
+                self.unrelayed = Some(relayed);
+                break;
+            }
+            has_news |= !(relayed.events.is_empty() && relayed.notices.is_empty());
+        }
+        has_news
     }
 
     fn mark(&mut self, sink: &str, through: i64) {

@@ -63,6 +63,8 @@ pub struct Around {
     pub halted: Arc<AtomicBool>,
     /// Function that is asked before a part is removed.
     pub vouch: Vouch,
+    /// Number of the last part that object storage has, where parts are copied there; later ones are not removed.
+    pub copied: Option<Arc<AtomicU32>>,
 }
 
 /// A journal and the thread that writes it.

@@ -49,12 +49,13 @@ pub(super) struct Applied {
 
 /// Removes parts up to `done`, whose results are reported stored. Only parts confirmed by `vouch` go, by the
 /// ages that it gives, because the machine's clock may be wrong; and none that was written after the last
-/// backup, if backups are waited for.
+/// backup, if backups are waited for, or that is not `copied` yet, where parts are.
 pub(super) fn apply(
     folder: &Path,
     done: u32,
     settings: &JournalSettings,
     vouch: &Vouch,
+    copied: Option<u32>,
 ) -> std::io::Result<Applied> {
     if settings.keep_s.is_none() && settings.keep_bytes.is_none() {
         return Ok(Applied::default());
@@ -92,7 +93,7 @@ pub(super) fn apply(
     };
     let is_saved = |number: &&u32| {
         let kept = parts.iter().find(|kept| kept.part == **number);
-        kept.is_some_and(|kept| kept.modified_ns < saved_ns)
+        kept.is_some_and(|kept| kept.modified_ns < saved_ns) && copied.is_none_or(|copied| **number <= copied)
     };
     let mut applied = Applied::default();
     for number in all.iter().take_while(is_saved) {
@@ -146,7 +147,7 @@ mod tests {
             write(&path, 10 * u64::from(number));
         }
         let vouch: Vouch = Box::new(|parts| vec![1e9; parts.len()]);
-        let apply = || apply(folder.path(), 3, &settings, &vouch).unwrap();
+        let apply = || apply(folder.path(), 3, &settings, &vouch, None).unwrap();
         assert_eq!(
             apply(),
             Applied {
@@ -170,6 +171,22 @@ mod tests {
                 waiting: 0
             }
         );
+        assert_eq!(part::list(folder.path()).unwrap(), [4]);
+    }
+
+    #[test]
+    fn a_part_that_object_storage_does_not_have_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        for number in 1..=4 {
+            fs::write(part::path(folder.path(), number), "").unwrap();
+        }
+        let vouch: Vouch = Box::new(|parts| vec![1e9; parts.len()]);
+        let apply = |copied| apply(folder.path(), 3, &settings(Some(-1.0), None), &vouch, copied).unwrap();
+        let of = |removed, waiting| Applied { removed, waiting };
+        assert_eq!(apply(Some(0)), of(0, 3));
+        assert_eq!(apply(Some(2)), of(2, 1));
+        assert_eq!(apply(Some(9)), of(1, 0));
+        // What the bucket has is no reason to remove what the journal's own rules keep.
         assert_eq!(part::list(folder.path()).unwrap(), [4]);
     }
 

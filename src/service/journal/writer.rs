@@ -487,13 +487,26 @@ impl Writer {
             done.min(self.next.saturating_sub(2)),
             &self.settings,
             &self.around.vouch,
+            self.around
+                .copied
+                .as_ref()
+                .map(|copied| copied.load(Ordering::Relaxed)),
         ) {
             Ok(Applied { removed, waiting }) => {
                 if removed > 0 {
                     tracing::info!(removed, "old parts of the journal were removed");
                 }
                 let health = &self.around.health;
+                let waits_for_copy = waiting > 0 && self.around.copied.is_some();
                 match &self.settings.backup_stamp {
+                    stamp if waits_for_copy => health.hold(
+                        Fault::Backup,
+                        ABOUT,
+                        format_args!(
+                            "{waiting} parts of the journal may go and wait: the bucket does not have them yet{}",
+                            if stamp.is_some() { ", or no backup has" } else { "" }
+                        ),
+                    ),
                     Some(stamp) if waiting > 0 => health.hold(
                         Fault::Backup,
                         ABOUT,

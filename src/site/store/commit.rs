@@ -9,6 +9,7 @@ use super::row::Row;
 use super::snapshot::SnapshotRow;
 use super::state::{self, Failure, Kept, kept, plain};
 use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::alarm::Alarm;
 use crate::analysis::track::{AlarmEvent, Period, RodState, State};
 use crate::recording::read::Place;
 use crate::site::found::Found;
@@ -258,14 +259,13 @@ fn write_standing(
     Ok(true)
 }
 
-/// Updates the row of an alarm and adds the event to the outbox.
-fn write_event(
+/// Updates the row of an alarm.
+pub(super) fn write_alarm(
     connection: &Connection,
     rod: &RodId,
-    event: &AlarmEvent,
+    alarm: &Alarm,
     changed: &mut Changed,
 ) -> Result<(), Failure> {
-    let alarm = &event.alarm;
     Row::of("alarm")
         .with("id", alarm.id.clone())
         .with("rod", rod.0.clone())
@@ -278,6 +278,19 @@ fn write_event(
         .with("stands", i64::from(!alarm.is_over()))
         .with("json", kept("alarm", alarm)?)
         .upsert(connection, &["id"])?;
+    changed.note("alarm", [alarm.id.clone().into()]);
+    Ok(())
+}
+
+/// Updates the row of an alarm and adds the event to the outbox.
+pub(super) fn write_event(
+    connection: &Connection,
+    rod: &RodId,
+    event: &AlarmEvent,
+    changed: &mut Changed,
+) -> Result<(), Failure> {
+    let alarm = &event.alarm;
+    write_alarm(connection, rod, alarm, changed)?;
     let number: i64 = connection
         .prepare_cached("SELECT coalesce(max(number), 0) + 1 FROM outbox")?
         .query_row((), |row| row.get(0))?;
@@ -289,7 +302,6 @@ fn write_event(
         .with("time", event.time.to_string())
         .with("json", kept("alarm event", event)?)
         .insert(connection)?;
-    changed.note("alarm", [alarm.id.clone().into()]);
     changed.note("outbox", [number.into()]);
     Ok(())
 }

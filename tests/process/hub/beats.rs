@@ -12,7 +12,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// Takes what a webhook posts; returns its address and the messages so far.
-fn desk() -> (String, Arc<Mutex<Vec<Value>>>) {
+pub fn desk() -> (String, Arc<Mutex<Vec<Value>>>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("http://{}/", listener.local_addr().unwrap());
     let came = Arc::<Mutex<Vec<Value>>>::default();

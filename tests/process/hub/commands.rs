@@ -13,7 +13,7 @@ use tirante::service::forward::command::{Action, Order, Signed};
 use tirante::site::store::{Filter, Reader};
 
 /// Gives a command to todi; returns its number.
-fn command(fleet: &Fleet, words: &[&str]) -> i64 {
+pub fn command(fleet: &Fleet, words: &[&str]) -> i64 {
     let who = ["--by", "M. Rossi", "--reason", "wedge inspected"];
     let given = fleet.hub_command(&[&["command", "todi"], words, &who].concat());
     assert!(given.status.success(), "{}", text_of(&given.stderr));
@@ -29,7 +29,7 @@ fn listed(fleet: &Fleet, number: i64) -> Value {
     found.unwrap_or_default()
 }
 
-fn wait_for(fleet: &Fleet, number: i64, state: &str) -> Value {
+pub fn wait_for(fleet: &Fleet, number: i64, state: &str) -> Value {
     wait(fleet, &format!("command {number} is {state}"), || {
         listed(fleet, number)["state"] == state
     });

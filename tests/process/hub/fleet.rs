@@ -641,12 +641,17 @@ impl Fleet {
         });
     }
 
-    /// Waits until the centre has everything, and compares it with the replays.
-    pub fn wait_until_equal(&mut self) {
+    /// Waits until all sites have read all files, and the centre has everything.
+    pub fn wait_until_complete(&mut self) {
         for place in 0..self.edges.len() {
             self.wait_until_read(place, 7);
         }
         self.wait_until_sent();
+    }
+
+    /// Waits until the centre has everything, and compares it with the replays.
+    pub fn wait_until_equal(&mut self) {
+        self.wait_until_complete();
         for place in 0..self.edges.len() {
             self.assert_equal(place, &[]);
         }
@@ -672,20 +677,29 @@ impl Fleet {
 
     /// Answer of the hub's page.
     pub fn get(&self, path: &str) -> String {
+        get(&self.address(), path)
+    }
+
+    /// Address and port of the hub's page.
+    pub fn address(&self) -> String {
         let log = fs::read_to_string(self.folder.path().join("hub.log")).unwrap();
         let address = log.rsplit("all sites at http://").next().unwrap();
-        let address = address.split_whitespace().next().unwrap();
-        let mut stream = TcpStream::connect(address).unwrap();
-        stream.set_read_timeout(Some(DEADLINE)).unwrap();
-        write!(
-            stream,
-            "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n"
-        )
-        .unwrap();
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).unwrap();
-        answer
+        address.split_whitespace().next().unwrap().to_owned()
     }
+}
+
+/// Answer of a server, head and body.
+pub fn get(address: &str, path: &str) -> String {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(DEADLINE)).unwrap();
+    write!(
+        stream,
+        "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n"
+    )
+    .unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    answer
 }
 
 impl Drop for Fleet {

@@ -1,9 +1,11 @@
 //! Sites, post and centre with real servers: the centre's rows are those of each site's `replay`, whatever is killed.
 
+mod alarms;
 mod beats;
 mod commands;
 mod figures;
 mod fleet;
+mod pages;
 mod poison;
 mod refusals;
 mod rights;

@@ -47,7 +47,7 @@ async function acknowledge(alarm) {
   if (!signed) return;
   try {
     const words = new URLSearchParams(["by", "note"].filter((key) => signed[key].trim()).map((key) => [key, signed[key].trim()]));
-    const path = `/api/v1/alarms/${encodeURIComponent(alarm.id)}/acknowledge?${words}`;
+    const path = `api/v1/alarms/${encodeURIComponent(alarm.id)}/acknowledge?${words}`;
     const answer = await ask(path, { method: "POST", headers: { authorization: `Bearer ${signed.token}` } });
     said.textContent = `Alarm ${alarm.id} of ${alarm.rod}: acknowledged (${answer.when}).`;
   } catch (error) {
@@ -77,7 +77,7 @@ async function draw() {
   const only = onlyStanding;
   let alarms = [], before = "", next = null;
   for (let page = 0; page < pages; page += 1) {
-    const answer = await ask(`/api/v1/alarms?limit=100&standing=${only}${before}`);
+    const answer = await ask(`api/v1/alarms?limit=100&standing=${only}${before}`);
     // The other button was pressed meanwhile: it is drawn next.
     if (only !== onlyStanding) return;
     alarms = alarms.concat(answer.alarms);

@@ -111,7 +111,11 @@ export function force(status, show) {
   return [mark + (status.compensated || !status.relative_force ? "" : "~"), ...interval(status.force_n, show)];
 }
 
-export const rodLink = (rod) => `/rod?id=${encodeURIComponent(rod)}`;
+// At a centre the page of a site is below the list of all sites.
+const centre = /^(.*\/)sites\/[^/]+\//.exec(location.pathname);
+if (centre) document.querySelector("nav")?.prepend(el("a", { href: centre[1] }, "Sites"));
+
+export const rodLink = (rod) => `rod?id=${encodeURIComponent(rod)}`;
 
 // Records that a wrong clock dated after the latest one.
 export const ahead = (status) => (status.records_ahead ? el("small", {}, `${fixed(status.records_ahead, 0)} dated after that by a wrong clock`) : null);
@@ -157,7 +161,7 @@ export function alarmNote(alarm, link = true) {
   return el("div", { class: alarm.acknowledged ? "note calm" : "note" },
     el("strong", {}, `${alarm.kind}: `), alarm.message,
     el("div", { class: "about" }, `since ${time(alarm.raised)} UTC${known}${over} `,
-      link ? el("a", { href: "/alarms" }, "alarms") : null));
+      link ? el("a", { href: "alarms" }, "alarms") : null));
 }
 
 // Replaces the content. The document hides it until it has been drawn once, so that nothing moves.
@@ -209,7 +213,7 @@ export function live(draw) {
     isDrawing = false;
   };
   const connect = () => {
-    const stream = new EventSource("/api/v1/events");
+    const stream = new EventSource("api/v1/events");
     stream.addEventListener("commit", () => {
       light.className = "on";
       light.textContent = "connected";

@@ -6,7 +6,7 @@ import * as latest from "./latest.js";
 import { Plot } from "./plot.js";
 
 const id = new URLSearchParams(location.search).get("id") ?? "";
-const base = `/api/v1/rods/${encodeURIComponent(id)}`;
+const base = `api/v1/rods/${encodeURIComponent(id)}`;
 const content = document.getElementById("content");
 document.getElementById("title").textContent = id;
 document.title = `${id} - Tirante`;
@@ -247,7 +247,7 @@ async function draw() {
   const listed = shown.length <= 25 && !isGrowing ? drawRecords() : null;
   // Told below, unless the rod itself has no answer.
   listed?.catch(() => {});
-  const [answer, page, single] = await Promise.all([ask(base), ask(`/api/v1/alarms?rod=${encodeURIComponent(id)}&limit=100`), ask(`${base}/latest`)]);
+  const [answer, page, single] = await Promise.all([ask(base), ask(`api/v1/alarms?rod=${encodeURIComponent(id)}&limit=100`), ask(`${base}/latest`)]);
   [rod, alarms, look] = [answer, page.alarms, single];
   drawFacts();
   drawEvents();

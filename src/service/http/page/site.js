@@ -61,7 +61,7 @@ function coming() {
 }
 
 async function draw() {
-  site = await ask("/api/v1/site");
+  site = await ask("api/v1/site");
   document.getElementById("title").textContent = site.site;
   document.title = `${site.site} - Tirante`;
   document.getElementById("brand").title = `version ${site.version}`;

@@ -459,7 +459,7 @@ fn what_ends_the_program_is_set_aside_and_the_rest_goes_on() {
         working_on: Box::new(|_| {}),
         aside: Box::new(|name, _| match name {
             "bad.mcap" => Aside::From {
-                places: vec![Place { offset: 0, taken: 0 }],
+                place: Place { offset: 0, taken: 0 },
                 why: "ended the program 4 times".to_owned(),
             },
             _ => Aside::Nothing,

@@ -176,7 +176,7 @@ struct Promise {
     false_alarm_probability_per_year: f64,
     delays: Vec<DelayLine>,
     least: Vec<LeastLine>,
-    /// What a loss reads as if the rod is stiffer than its prior in everything.
+    /// Reading of a loss in a rod that is stiffer than its prior in everything.
     stiffer: Option<Stiffer>,
 }
 

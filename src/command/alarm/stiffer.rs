@@ -1,4 +1,4 @@
-//! What a loss reads as where the rod is stiffer than its prior in everything: the one error of a change's size that frequencies
+//! Reading of a loss in a rod that is stiffer than its prior in everything: the one error of a change's size that frequencies
 //! cannot show.
 //!
 //! Modulus and springs that are all too stiff, or all too soft, make every slope d ln f / d ln N wrong by nearly one factor. A baseline
@@ -26,7 +26,7 @@ const LOSS: f64 = 0.1;
 /// Length of a record \[s\].
 const RECORD_S: f64 = 120.0;
 
-/// What a loss reads as in such a rod.
+/// Reading of a loss in such a rod.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub(super) struct Stiffer {
     /// The loss, as a share of the force.

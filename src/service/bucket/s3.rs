@@ -163,7 +163,7 @@ impl S3 {
     }
 }
 
-/// What a refusal gives as its reason, in brackets. The rest of it may hold the key's id and the signature.
+/// Reason that a refusal gives, in brackets. The rest of it may hold the key's id and the signature.
 fn reason(answer: &[u8]) -> String {
     let answer = String::from_utf8_lossy(answer);
     let of = |name: &str| {

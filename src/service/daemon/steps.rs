@@ -12,29 +12,29 @@ use std::sync::Arc;
 /// Callback with the present step of work; `None` when it went well.
 pub type TakeNote = Box<dyn FnMut(Option<&str>) + Send>;
 
-/// Callback that tells what of a file must not be read.
+/// Callback that tells the part of a file that must not be read.
 pub type AskAside = Box<dyn FnMut(&str, &Input) -> Aside + Send>;
 
 /// Callbacks for the reader's steps.
 pub struct Watch {
     /// Notes the present step; `None` when it went well.
     pub working_on: TakeNote,
-    /// What of a file must not be read, asked before its first step.
+    /// Tells the part of a file that must not be read, before its first step.
     pub aside: AskAside,
     /// Notes that a file was read to its end, which clears all its steps.
     pub is_read: Box<dyn Fn(&str) + Send>,
 }
 
-/// What of a file must not be read.
+/// Part of a file that must not be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Aside {
     /// Nothing.
     Nothing,
-    /// What comes from any of these places on.
+    /// Everything from a place on.
     From {
-        /// The places.
-        places: Vec<Place>,
-        /// What happened there, as the end of a sentence.
+        /// The place.
+        place: Place,
+        /// Event there, as the end of a sentence.
         why: String,
     },
     /// Anything, not even its beginning, for this reason.
@@ -115,7 +115,7 @@ impl Guard {
                 source.discard(&why);
                 why
             }
-            Some(Aside::From { places, why }) if places.contains(&place) => {
+            Some(Aside::From { place: from, why }) if *from == place => {
                 let why = format!("{name}: reading it at byte {offset} {why}; it is set aside");
                 // The data before a quarantined place may cause the crash, so completing them is a step as well.
                 (watch.working_on)(Some(&last_step(name, offset)));
@@ -166,7 +166,7 @@ impl Watch {
     }
 }
 
-/// What of a file must not be read, after the ends of earlier processes. A trial is a step of its own, so that an end of the daemon at it
+/// Finds the part of a file that must not be read, after the ends of earlier processes. A trial is a step of its own, so that an end of the daemon at it
 /// counts as one at that place.
 fn aside(quarantine: &Quarantine, slot: &mut Slot, trials: &Trials, name: &str, input: &Input) -> Aside {
     let whole = || {
@@ -180,7 +180,7 @@ fn aside(quarantine: &Quarantine, slot: &mut Slot, trials: &Trials, name: &str, 
     let suspects = quarantine.places(name);
     if let Some((place, deaths)) = suspects.iter().find(|(_, deaths)| *deaths >= LAST) {
         return Aside::From {
-            places: vec![*place],
+            place: *place,
             why: match *deaths {
                 CONDEMNED => "ended the program and a process of its own".to_owned(),
                 deaths => format!("ended the program {deaths} times"),
@@ -214,7 +214,7 @@ fn aside(quarantine: &Quarantine, slot: &mut Slot, trials: &Trials, name: &str, 
             // A file that grows is begun again and again.
             quarantine.condemn(&format!("{name}@{place}"));
             Aside::From {
-                places: vec![place],
+                place,
                 why: format!("ended the program, and a process of its own {how}"),
             }
         }

@@ -206,7 +206,7 @@ impl Relay {
         }
     }
 
-    /// What stands of a store that was not seen before, and the end of what stood of the one before it and is not found again.
+    /// Reads what stands of a store that was not seen before, and ends what stood of the one before it and is not found again.
     fn first_sight(
         &self,
         centre: &mut Centre,

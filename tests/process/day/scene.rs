@@ -2,7 +2,7 @@
 
 use super::material::{Material, site};
 use crate::load::server::{Mood, Server};
-use crate::load::usage::{Usage, metric, metrics};
+use crate::load::usage::{Usage, answer, metric, metrics};
 use crate::survival::campaign::RODS;
 use crate::survival::feed::Feed;
 use crate::survival::process::{DEADLINE, Process};
@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read, Write};
-use std::net::{Shutdown, TcpStream};
+use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -299,19 +299,7 @@ impl Scene {
     }
 
     fn health(&mut self) -> Value {
-        let log = self.log();
-        let address = log
-            .split("metrics at http://")
-            .nth(1)
-            .and_then(|rest| rest.split_whitespace().next())
-            .unwrap()
-            .to_owned();
-        let mut stream = TcpStream::connect(&address).unwrap();
-        stream.set_read_timeout(Some(DEADLINE)).unwrap();
-        let words = format!("GET /healthz HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n");
-        stream.write_all(words.as_bytes()).unwrap();
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).unwrap();
+        let answer = answer(self.daemon(), "/healthz");
         serde_json::from_str(answer.split_once("\r\n\r\n").unwrap().1).unwrap()
     }
 

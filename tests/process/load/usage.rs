@@ -37,6 +37,11 @@ impl Usage {
 
 /// Content of `/metrics`.
 pub fn metrics(daemon: &Process) -> String {
+    answer(daemon, "/metrics")
+}
+
+/// Answer of the daemon's HTTP server, head and body.
+pub fn answer(daemon: &Process, path: &str) -> String {
     let log = daemon.log();
     let address = log
         .split("metrics at http://")
@@ -46,9 +51,8 @@ pub fn metrics(daemon: &Process) -> String {
         .to_owned();
     let mut stream = TcpStream::connect(address).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
-    stream
-        .write_all(b"GET /metrics HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
-        .unwrap();
+    let words = format!("GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+    stream.write_all(words.as_bytes()).unwrap();
     let mut text = String::new();
     stream.read_to_string(&mut text).unwrap();
     text

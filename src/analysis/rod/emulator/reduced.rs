@@ -46,7 +46,7 @@ pub struct Reduced {
 
 static SHARED: LazyLock<Arc<Reduced>> = LazyLock::new(|| Arc::new(Reduced::shipped()));
 
-/// What [`Reduced::save`] makes of [`Reduced::fit`]: the fit takes 17 ms, half of the start of a replay. A test compares them.
+/// The fit as [`Reduced::save`] writes it: it takes 17 ms, half of the start of a replay. A test compares the two.
 const SHIPPED: &[u8] = include_bytes!("reduced.postcard");
 
 impl Reduced {

@@ -42,7 +42,7 @@ pub(crate) struct Loss {
     pub sd: f64,
 }
 
-/// What one record shows of a loss.
+/// Loss that one record shows by itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Shown {
     /// The loss, with what is known of temperature taken off.

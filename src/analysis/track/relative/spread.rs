@@ -1,4 +1,4 @@
-//! How the particles' shifts scatter about their mean, at any change of force.
+//! Scatter of the particles' shifts about their mean, at any change of force.
 
 use super::shift::{LANES, Polynomials, TERMS, v_of};
 

@@ -75,7 +75,7 @@ pub enum Verdict {
     Cleared,
     /// Children died of it.
     Died {
-        /// How the last one ended.
+        /// Manner of the last death.
         how: String,
         /// Place of the file where it was.
         at: Option<Place>,
@@ -84,7 +84,7 @@ pub enum Verdict {
     Stopped,
 }
 
-/// What a daemon tries steps with.
+/// Means of a daemon to try steps.
 #[derive(Debug)]
 pub struct Trials {
     /// The program itself; without it nothing is tried.

@@ -11,7 +11,7 @@
 //! * [`journal`]   what the sockets took, as MCAP parts on disk
 //! * [`alert`]     news of alarms to the sinks, at least once and in order
 //! * [`forward`]   copy of the store's log to a centre
-//! * [`bucket`]  copy of the journal's parts to object storage
+//! * [`bucket`]    copy of the journal's parts to object storage
 //! * [`hub`]       the centre: the logs of many sites in one database
 //! * [`telemetry`] faults and health, metrics, the log
 //! * [`viewer`]    results as messages for robotics viewers, as a file and live

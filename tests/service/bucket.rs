@@ -486,7 +486,8 @@ fn a_journal_removes_no_part_that_the_bucket_lacks() {
     wait_for("none waits any more", || !health.lasts(Fault::Backup, "journal"));
     journal.stop();
     let objects = server.objects("monuments");
-    assert_eq!(objects.len(), 5);
+    // The entry of the sender's end opens a seventh part, so the sixth may have been copied, too.
+    assert!((5..=6).contains(&objects.len()), "{}", objects.len());
     for ((number, bytes), (name, object)) in sums.iter().zip(&objects) {
         assert!(name.contains(&format!("/journal.{number:06}-")), "{name}");
         assert!(bytes == object, "part {number} differs");

@@ -59,18 +59,15 @@ pub(super) fn read(table: &mut Table<'_>, store: &StoreSettings) -> Option<Forwa
 
 /// Reads the keys of a connection to NATS; `address` is the name of its first.
 pub(super) fn nats(table: &mut Table<'_>, address: &'static str) -> Option<NatsSettings> {
-    let place = table.take(
+    let post = table.take(
         key(
             address,
-            "the NATS server: nats+tls://host:port, or nats://127.0.0.1:port on this machine",
+            "the NATS server: nats+tls://host:port, or nats://127.0.0.1:port on this machine; the servers of a cluster separated by commas",
         ),
-        "one server, without user and password",
+        "servers of one cluster, without user and password",
         Absent::Required,
-        place,
-        |(host, port, is_tls)| {
-            let scheme = if *is_tls { "nats+tls" } else { "nats" };
-            toml_string(&format!("{scheme}://{host}:{port}"))
-        },
+        post,
+        |post: &NatsSettings| toml_string(&post.url()),
     );
     let credentials = file(
         table,
@@ -80,7 +77,7 @@ pub(super) fn nats(table: &mut Table<'_>, address: &'static str) -> Option<NatsS
         ),
         "no login",
     );
-    let is_tls = place.as_ref().is_none_or(|(_, _, is_tls)| *is_tls);
+    let is_tls = post.as_ref().is_none_or(|post| post.is_tls);
     let ca = file(
         table,
         key(
@@ -90,16 +87,13 @@ pub(super) fn nats(table: &mut Table<'_>, address: &'static str) -> Option<NatsS
         .only(is_tls, "nats+tls://"),
         "the machine's own are trusted",
     );
-    if is_tls && credentials.is_none() && place.is_some() {
+    if is_tls && credentials.is_none() && post.is_some() {
         table.absence_of("credentials", "file with the site's own NKEY seed");
     }
-    let (host, port, is_tls) = place?;
     Some(NatsSettings {
-        host,
-        port,
-        is_tls,
         credentials,
         ca,
+        ..post?
     })
 }
 
@@ -126,38 +120,60 @@ fn command_key(value: &Value<'_>) -> Option<String> {
     Some(text.to_owned())
 }
 
-fn place(value: &Value<'_>) -> Option<(String, u16, bool)> {
+/// Reads the addresses of one cluster; they are all encrypted, or none.
+fn post(value: &Value<'_>) -> Option<NatsSettings> {
     let text = value.name_string()?;
-    let refuse = |why: &str| {
-        value.fault(format!("{text} {why}"));
+    let refuse = |why: String| {
+        value.fault(why);
         None
     };
+    let mut servers = Vec::new();
+    let mut are_tls = Vec::new();
+    for address in text.split(',').map(str::trim) {
+        match place(address) {
+            Ok((host, port, is_tls)) => {
+                servers.push((host, port));
+                are_tls.push(is_tls);
+            }
+            Err(why) => return refuse(format!("{address} {why}")),
+        }
+    }
+    if are_tls.iter().any(|is_tls| *is_tls != are_tls[0]) {
+        return refuse(format!("{text} mixes nats+tls:// and nats://"));
+    }
+    Some(NatsSettings {
+        servers,
+        is_tls: are_tls[0],
+        credentials: None,
+        ca: None,
+    })
+}
+
+/// Host, port, and true for encryption, of an address; or the reason why it is none.
+fn place(text: &str) -> Result<(String, u16, bool), &'static str> {
+    const NONE: &str = "is no NATS server: write nats+tls://broker.example:4222";
     let (rest, is_tls) = match (text.strip_prefix("nats+tls://"), text.strip_prefix("nats://")) {
         (Some(rest), _) => (rest, true),
         (None, Some(rest)) => (rest, false),
-        (None, None) => return refuse("is no NATS server: write nats+tls://broker.example:4222"),
+        (None, None) => return Err(NONE),
     };
     let rest = rest.trim_end_matches('/');
     if rest.contains('@') {
-        return refuse("holds a password: name a file as `credentials`");
+        return Err("holds a password: name a file as `credentials`");
     }
     let (host, port) = match rest.rsplit_once(':') {
         Some((host, port)) if !host.ends_with(':') && !port.ends_with(']') => {
-            let Ok(port) = port.parse() else {
-                return refuse("has no port from 1 to 65535");
-            };
-            (host, port)
+            (host, port.parse().map_err(|_| "has no port from 1 to 65535")?)
         }
         _ => (rest, PORT),
     };
-    let is_host = !host.is_empty() && !host.contains(['/', '?', '#', ' ', ',']);
-    if !is_host || port == 0 {
-        return refuse("is no NATS server: write nats+tls://broker.example:4222");
+    if host.is_empty() || host.contains(['/', '?', '#', ' ']) || port == 0 {
+        return Err(NONE);
     }
     let bare = host.trim_start_matches('[').trim_end_matches(']');
     let is_here = host == "localhost" || bare.parse::<IpAddr>().is_ok_and(|address| address.is_loopback());
     if !is_tls && !is_here {
-        return refuse("is another machine: only nats+tls:// goes there");
+        return Err("is another machine: only nats+tls:// goes there");
     }
-    Some((host.to_owned(), port, is_tls))
+    Ok((host.to_owned(), port, is_tls))
 }

@@ -18,8 +18,8 @@ const HOUR_S: f64 = 3600.0;
 pub struct HubConfig {
     /// Post.
     pub nats: NatsSettings,
-    /// Address of the server's monitoring, where its flushing to disk is looked up.
-    pub monitor: Option<String>,
+    /// Addresses of the servers' monitoring, where their flushing to disk is looked up.
+    pub monitors: Vec<String>,
     /// True if missing streams are created.
     pub is_creating: bool,
     /// Storage of the results.
@@ -55,24 +55,28 @@ impl HubConfig {
     }
 
     fn read(root: &mut Table<'_>) -> Option<Self> {
-        let (nats, monitor, is_creating) = root.section("nats", "The post.", |table| {
+        let (nats, monitors, is_creating) = root.section("nats", "The post.", |table| {
             let nats = forward::nats(table, "to");
-            let monitor = table.take(
+            let monitors = table.take(
                 key(
                     "monitor",
-                    "address of the server's monitoring (http_port), where the hub looks up that each message is flushed",
+                    "address of the server's monitoring (http_port), where the hub looks up that each message is flushed; those of a cluster separated by commas",
                 ),
                 "http://host:port",
                 Absent::Nothing("the hub cannot see whether each message is flushed, and says so"),
                 |value| {
-                    let text = value.name_string()?;
-                    if !text.starts_with("http://") && !text.starts_with("https://") {
-                        value.fault(format!("{text} is no address, write it like http://127.0.0.1:8222"));
-                        return None;
+                    let texts = value.name_string()?.split(',').map(str::trim);
+                    let mut monitors = Vec::new();
+                    for text in texts {
+                        if !text.starts_with("http://") && !text.starts_with("https://") {
+                            value.fault(format!("{text} is no address, write it like http://127.0.0.1:8222"));
+                            return None;
+                        }
+                        monitors.push(text.trim_end_matches('/').to_owned());
                     }
-                    Some(text.trim_end_matches('/').to_owned())
+                    Some(monitors)
                 },
-                |text| toml_string(text),
+                |monitors: &Vec<String>| toml_string(&monitors.join(",")),
             );
             let is_creating = table.take(
                 key("create", "whether missing streams are created"),
@@ -81,7 +85,7 @@ impl HubConfig {
                 |value| value.boolean(),
                 bool::to_string,
             );
-            (nats, monitor, is_creating.unwrap_or(true))
+            (nats, monitors.unwrap_or_default(), is_creating.unwrap_or(true))
         });
         let sqlite = root.optional_section("sqlite", "A file as storage, up to some 200 rods.", |table| {
             table.take(
@@ -154,7 +158,7 @@ impl HubConfig {
                 None => None,
             },
             nats: nats?,
-            monitor,
+            monitors,
             is_creating,
             storage: storage?,
             http,

@@ -9,10 +9,8 @@ pub const LONGEST_SITE: usize = 64;
 /// Connection to NATS.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NatsSettings {
-    /// Host name or address.
-    pub host: String,
-    /// Port.
-    pub port: u16,
+    /// Servers of one cluster, or a single one: host name or address, and port.
+    pub servers: Vec<(String, u16)>,
     /// True if the connection is encrypted.
     pub is_tls: bool,
     /// File with an NKEY seed or a JWT with its seed; `None` on loopback without login.
@@ -22,10 +20,23 @@ pub struct NatsSettings {
 }
 
 impl NatsSettings {
-    /// Address as configured.
+    /// Addresses as configured.
     pub fn url(&self) -> String {
-        let scheme = if self.is_tls { "nats+tls" } else { "nats" };
-        format!("{scheme}://{}:{}", self.host, self.port)
+        self.addresses("nats+tls").join(",")
+    }
+
+    /// Servers that keep each message of a stream: three of a cluster of three or more, so that any one may be gone.
+    pub fn replicas(&self) -> usize {
+        if self.servers.len() < 3 { 1 } else { 3 }
+    }
+
+    /// Addresses with the name that a client has for encryption.
+    pub fn addresses(&self, encrypted: &str) -> Vec<String> {
+        let scheme = if self.is_tls { encrypted } else { "nats" };
+        let servers = self.servers.iter();
+        servers
+            .map(|(host, port)| format!("{scheme}://{host}:{port}"))
+            .collect()
     }
 }
 

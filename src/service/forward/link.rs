@@ -77,8 +77,8 @@ impl Link {
             .connection_timeout(CONNECT)
             .request_timeout(Some(ANSWER))
             .require_tls(settings.is_tls)
-            // Whoever lost it begins anew, at the end of what the server has.
-            .max_reconnects(1)
+            // Each server once. Whoever lost the connection begins anew, at the end of what the server has.
+            .max_reconnects(settings.servers.len())
             .event_callback(move |event| {
                 match &event {
                     Event::ServerError(error) => {
@@ -110,10 +110,8 @@ impl Link {
                 options.nkey(text.trim().to_owned())
             };
         }
-        let scheme = if settings.is_tls { "tls" } else { "nats" };
-        let address = format!("{scheme}://{}:{}", settings.host, settings.port);
         let client = options
-            .connect(address)
+            .connect(settings.addresses("tls"))
             .await
             .map_err(|error| LinkError::Refused {
                 url: url.clone(),

@@ -152,28 +152,31 @@ fn read(payload: &[u8]) -> Result<Heartbeat, String> {
 async fn check(link: &Link, config: &HubConfig) -> Result<(), LinkError> {
     let stream = match link.jetstream.get_stream(STREAM).await {
         Err(error) if matches!(error.kind(), GetStreamErrorKind::JetStream(_)) && config.is_creating => {
-            let created = link.jetstream.create_stream(wanted()).await;
+            let created = link.jetstream.create_stream(wanted(config.nats.replicas())).await;
             created.map_err(|error| link.failed(&format!("creating the stream {STREAM}"), &error))?
         }
         found => found.map_err(|error| link.failed(&format!("the stream {STREAM}"), &error))?,
     };
     let found = &stream.cached_info().config;
+    let replicas = config.nats.replicas();
     let is_fit = found.max_messages_per_subject == 1
+        && found.num_replicas.max(1) >= replicas
         && found.retention == RetentionPolicy::Limits
         && found.subjects == [format!("{SUBJECT}.*")];
     if is_fit {
         return Ok(());
     }
     let what = format!(
-        "the stream {STREAM} is not that of the sites' latest heartbeats: its subjects must be {SUBJECT}.*, its max_msgs_per_subject 1"
+        "the stream {STREAM} is not that of the sites' latest heartbeats: its subjects must be {SUBJECT}.*, its max_msgs_per_subject 1, its replicas {replicas}"
     );
     Err(LinkError::Failed(what))
 }
 
 /// The stream that the hub creates.
-fn wanted() -> Config {
+fn wanted(replicas: usize) -> Config {
     Config {
         name: STREAM.to_owned(),
+        num_replicas: replicas,
         subjects: vec![format!("{SUBJECT}.*")],
         retention: RetentionPolicy::Limits,
         storage: StorageType::Memory,

@@ -2,6 +2,7 @@
 
 use super::centre::{Centre, CentreError};
 use super::sql::{SqlError, integer, text};
+use crate::config::HubConfig;
 use crate::service::forward::command::{self, Order, STREAM, SUBJECT, Signed};
 use crate::service::forward::link::{Link, LinkError};
 use crate::site::store::command_id;
@@ -212,9 +213,9 @@ impl Published {
     ///
     /// # Errors
     /// The post does not take them.
-    pub async fn publish(&mut self, link: &Link, mut open: Open, is_creating: bool) -> Result<(), LinkError> {
+    pub async fn publish(&mut self, link: &Link, mut open: Open, config: &HubConfig) -> Result<(), LinkError> {
         if !self.has_stream {
-            match tokio::time::timeout(ANSWER, check(link, is_creating)).await {
+            match tokio::time::timeout(ANSWER, check(link, config)).await {
                 Ok(checked) => checked?,
                 Err(elapsed) => return Err(link.failed(&format!("the stream {STREAM}"), &elapsed)),
             }
@@ -253,29 +254,34 @@ impl Published {
 }
 
 /// Creates the stream if it is missing and that is configured, and checks that it keeps the latest list of each site alone.
-async fn check(link: &Link, is_creating: bool) -> Result<(), LinkError> {
+async fn check(link: &Link, config: &HubConfig) -> Result<(), LinkError> {
     let stream = match link.jetstream.get_stream(STREAM).await {
-        Err(error) if matches!(error.kind(), GetStreamErrorKind::JetStream(_)) && is_creating => {
-            let created = link.jetstream.create_stream(wanted()).await;
+        Err(error) if matches!(error.kind(), GetStreamErrorKind::JetStream(_)) && config.is_creating => {
+            let created = link.jetstream.create_stream(wanted(config.nats.replicas())).await;
             created.map_err(|error| link.failed(&format!("creating the stream {STREAM}"), &error))?
         }
         found => found.map_err(|error| link.failed(&format!("the stream {STREAM}"), &error))?,
     };
     let found = &stream.cached_info().config;
-    if found.max_messages_per_subject == 1 && found.allow_direct && found.subjects == [format!("{SUBJECT}.*")]
-    {
+    let replicas = config.nats.replicas();
+    let is_fit = found.max_messages_per_subject == 1
+        && found.allow_direct
+        && found.num_replicas.max(1) >= replicas
+        && found.subjects == [format!("{SUBJECT}.*")];
+    if is_fit {
         return Ok(());
     }
     let what = format!(
-        "the stream {STREAM} is not that of the commands: its subjects must be {SUBJECT}.*, its max_msgs_per_subject 1, with allow_direct"
+        "the stream {STREAM} is not that of the commands: its subjects must be {SUBJECT}.*, its max_msgs_per_subject 1, its replicas {replicas}, with allow_direct"
     );
     Err(LinkError::Failed(what))
 }
 
 /// The stream that the hub creates.
-fn wanted() -> Config {
+fn wanted(replicas: usize) -> Config {
     Config {
         name: STREAM.to_owned(),
+        num_replicas: replicas,
         subjects: vec![format!("{SUBJECT}.*")],
         retention: RetentionPolicy::Limits,
         storage: StorageType::File,

@@ -6,6 +6,7 @@
 use super::incoming::Incoming;
 use super::text::fit;
 use crate::config::HubConfig;
+use crate::config::settings::forward::NatsSettings;
 use crate::config::settings::forward::HUB;
 use crate::service::forward::link::{Link, LinkError};
 use crate::service::forward::message::{LEAST_MESSAGE, OUT, STREAM};
@@ -119,11 +120,11 @@ impl Feed {
         let stream = match link.jetstream.get_stream(STREAM).await {
             Ok(stream) => stream,
             Err(error) if matches!(error.kind(), GetStreamErrorKind::JetStream(_)) && config.is_creating => {
-                created(&link, &url).await?
+                created(&link, &config.nats).await?
             }
             Err(error) => return Err(link.failed(&format!("the stream {STREAM}"), &error)),
         };
-        if let Some(wrong) = unfit(&stream.cached_info().config) {
+        if let Some(wrong) = unfit(&stream.cached_info().config, config.nats.replicas()) {
             return Err(LinkError::Failed(format!("{url}: the stream {STREAM} {wrong}")));
         }
         Ok(Self {
@@ -257,8 +258,9 @@ pub fn number(message: &Incoming) -> u64 {
 }
 
 /// Creates the stream as large as the server has room for.
-async fn created(link: &Link, url: &str) -> Result<Stream, LinkError> {
-    let mut config = wanted();
+async fn created(link: &Link, nats: &NatsSettings) -> Result<Stream, LinkError> {
+    let url = nats.url();
+    let mut config = wanted(nats.replicas());
     loop {
         let gib = config.max_bytes >> 30;
         let error = match link.jetstream.create_stream(&config).await {
@@ -284,9 +286,10 @@ async fn created(link: &Link, url: &str) -> Result<Stream, LinkError> {
 }
 
 /// The largest stream that the hub creates. It takes messages as large as the server does.
-fn wanted() -> Config {
+fn wanted(replicas: usize) -> Config {
     Config {
         name: STREAM.to_owned(),
+        num_replicas: replicas,
         subjects: vec![format!("{OUT}.*")],
         retention: RetentionPolicy::Limits,
         storage: StorageType::File,
@@ -301,7 +304,13 @@ fn wanted() -> Config {
 }
 
 /// Reason why a stream is not fit to keep the sites' results.
-fn unfit(config: &Config) -> Option<String> {
+fn unfit(config: &Config, replicas: usize) -> Option<String> {
+    // An answer without it speaks of one.
+    if config.num_replicas.max(1) < replicas {
+        return Some(format!(
+            "is kept by fewer than {replicas} servers of the cluster: `nats stream edit {STREAM} --replicas {replicas}`"
+        ));
+    }
     let least_s = Duration::from_secs(7 * 86_400);
     let wrong = if config.storage != StorageType::File {
         "is kept in memory: it needs file storage"
@@ -339,30 +348,49 @@ fn unfit(config: &Config) -> Option<String> {
     Some(wrong.to_owned())
 }
 
-/// Checks with the server's monitoring that it flushes each message to the disk before it acknowledges it.
+/// Checks with the servers' monitoring that each flushes a message to the disk before it acknowledges it. Of a cluster some may be gone.
 ///
 /// # Errors
-/// It does not, or the monitoring cannot be read.
-pub fn check_flushing(monitor: &str) -> Result<(), LinkError> {
-    let address = format!("{monitor}/jsz");
-    let failed = |error: &dyn std::fmt::Display| LinkError::Failed(format!("{address}: {error}"));
+/// One does not, or no monitoring can be read.
+pub fn check_flushing(monitors: &[String]) -> Result<(), LinkError> {
+    if monitors.is_empty() {
+        tracing::warn!(
+            "the hub cannot see whether the server flushes each message (sync_interval: always): name its monitoring as [nats] monitor"
+        );
+        return Ok(());
+    }
+    let mut silent = Vec::new();
+    for monitor in monitors {
+        let address = format!("{monitor}/jsz");
+        match is_flushing(&address) {
+            Ok(true) => {}
+            Ok(false) => {
+                return Err(LinkError::Failed(format!(
+                    "{address}: the server acknowledges messages that are not on the disk yet: put `sync_interval: always` into its jetstream section"
+                )));
+            }
+            Err(error) => silent.push(format!("{address}: {error}")),
+        }
+    }
+    if silent.len() == monitors.len() {
+        return Err(LinkError::Failed(silent.join("; ")));
+    }
+    for error in silent {
+        tracing::warn!("{error}: whether this server flushes each message is not known");
+    }
+    Ok(())
+}
+
+/// True if a server says that it flushes each message.
+fn is_flushing(address: &str) -> Result<bool, Box<dyn std::error::Error>> {
     let agent = ureq::Agent::new_with_config(
         ureq::Agent::config_builder()
             .timeout_global(Some(Duration::from_secs(10)))
             .build(),
     );
-    let mut answer = agent.get(&address).call().map_err(|error| failed(&error))?;
-    let text = answer
-        .body_mut()
-        .read_to_string()
-        .map_err(|error| failed(&error))?;
-    let said: serde_json::Value = serde_json::from_str(&text).map_err(|error| failed(&error))?;
-    if said.pointer("/config/sync_always") == Some(&serde_json::Value::Bool(true)) {
-        return Ok(());
-    }
-    Err(LinkError::Failed(format!(
-        "{address}: the server acknowledges messages that are not on the disk yet: put `sync_interval: always` into its jetstream section"
-    )))
+    let text = agent.get(address).call()?.body_mut().read_to_string()?;
+    let said: serde_json::Value = serde_json::from_str(&text)?;
+    Ok(said.pointer("/config/sync_always") == Some(&serde_json::Value::Bool(true)))
 }
 
 #[cfg(test)]
@@ -371,7 +399,8 @@ mod tests {
 
     #[test]
     fn the_stream_that_is_created_is_fit_and_laxer_ones_are_not() {
-        assert_eq!(unfit(&wanted()), None);
+        assert_eq!(unfit(&wanted(3), 3), None);
+        assert!(unfit(&wanted(1), 3).is_some_and(|wrong| wrong.contains("--replicas 3")));
         let laxer: [fn(&mut Config); 15] = [
             |config| config.storage = StorageType::Memory,
             |config| config.retention = RetentionPolicy::WorkQueue,
@@ -390,9 +419,9 @@ mod tests {
             |config| config.subjects.push("other".to_owned()),
         ];
         for change in laxer {
-            let mut config = wanted();
+            let mut config = wanted(1);
             change(&mut config);
-            assert!(unfit(&config).is_some(), "{config:?}");
+            assert!(unfit(&config, 1).is_some(), "{config:?}");
         }
     }
 

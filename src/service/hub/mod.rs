@@ -131,13 +131,7 @@ impl<'a> Hub<'a> {
     pub fn check(&self) -> Result<(), HubError> {
         open(&self.config.storage)?;
         self.runtime.block_on(Feed::open(self.config))?;
-        match &self.config.monitor {
-            Some(monitor) => feed::check_flushing(monitor)?,
-            None => tracing::warn!(
-                "the hub cannot see whether the server flushes each message (sync_interval: always): name its monitoring as [nats] monitor"
-            ),
-        }
-        Ok(())
+        Ok(feed::check_flushing(&self.config.monitors)?)
     }
 
     /// Folds until stopped; whatever fails is tried again.

@@ -323,7 +323,7 @@ impl<'h> Work<'h> {
             return Ok(());
         }
         let open = self.centre.open_commands(now_ns)?;
-        let publish = self.published.publish(self.feed.link(), open, config.is_creating);
+        let publish = self.published.publish(self.feed.link(), open, config);
         self.command_again = match self.hub.runtime.block_on(publish) {
             Ok(()) => {
                 self.hub.health.over(Fault::Forward, COMMANDS);

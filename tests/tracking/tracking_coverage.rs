@@ -93,14 +93,7 @@ impl Rod {
 }
 
 fn observation(index: i64, modes: Vec<LogMode>) -> Observation {
-    Observation {
-        start: Timestamp::from_nanos(index * 3_600_000_000_000),
-        duration_s: 60.0,
-        modes,
-        readings: Vec::new(),
-        rms: 1e-5,
-        conflict: 0.0,
-    }
+    Observation::of_modes(Timestamp::from_nanos(index * 3_600_000_000_000), modes)
 }
 
 /// A rod, its baseline, ready for records; the second value is ln N_0 over the ln N of the rod's theta.

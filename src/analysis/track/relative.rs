@@ -453,14 +453,7 @@ mod tests {
                 log_frequency: logs[n] + errors[n],
                 log_sd: 1e-4 * (n + 1) as f64,
             };
-            Observation {
-                start: Timestamp::from_nanos(0),
-                duration_s: 60.0,
-                modes: (0..3).map(mode).collect(),
-                readings: Vec::new(),
-                rms: 1e-5,
-                conflict: 0.0,
-            }
+            Observation::of_modes(Timestamp::from_nanos(0), (0..3).map(mode).collect())
         };
         let learned = vec![observed(0.0, [0.0; 3]); 4];
         let baseline = Baseline::learn(&learned, &prior, &model, &[0.01; 5], 128, 1).unwrap();

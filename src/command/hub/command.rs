@@ -1,6 +1,7 @@
 //! `tirante hub command`: commands to a site, and what became of them.
 
-use crate::command::listing::{Aligned, csv, is_coloured, minutes};
+use super::listed;
+use crate::command::listing::minutes;
 use crate::command::which_store::Format;
 use crate::command::{BadArguments, print};
 use crate::config::HubConfig;
@@ -178,30 +179,7 @@ fn give(site: &str, what: &What, config: &HubConfig) -> anyhow::Result<ExitCode>
 fn list(site: Option<&str>, format: Format, config: &HubConfig) -> anyhow::Result<ExitCode> {
     let mut centre = hub::beside(&config.storage)?;
     let rows = centre.commands(site, clock::now().as_nanos())?;
-    let out = match format {
-        Format::Json => {
-            let lines: Result<Vec<String>, _> = rows
-                .iter()
-                .map(|row| serde_json::to_string(row).map(|line| line + "\n"))
-                .collect();
-            lines?.concat()
-        }
-        Format::Csv => {
-            let mut out = csv(HEAD.map(|name| name.trim_start_matches('>')));
-            for row in &rows {
-                out += &csv(cells(row).iter().map(String::as_str));
-            }
-            out
-        }
-        Format::Table => {
-            let mut table = Aligned::new(&HEAD);
-            for row in &rows {
-                table.push(cells(row).to_vec());
-            }
-            table.print(is_coloured())
-        }
-    };
-    print(out.as_bytes())
+    print(listed(&rows, format, &HEAD, cells)?.as_bytes())
 }
 
 const HEAD: [&str; 8] = [

@@ -86,8 +86,9 @@ fn names(row: &Value, what: &str) -> Vec<String> {
 fn a_replay_gives_what_identify_gives_of_each_moment() {
     let (site, messages) = site(6);
     let (output, code) = site.replay(&["whole.mcap"], "whole.db");
-    let (rows, others): (Vec<Value>, Vec<Value>) =
-        lines(&output.stdout).into_iter().partition(|row| row["rod"] == "a");
+    let (rows, others): (Vec<Value>, Vec<Value>) = lines(&output.stdout)
+        .into_iter()
+        .partition(|row| row["rod"] == "a");
     assert_eq!((rows.len(), code), (6, 0), "{}", text(&output.stderr));
     // The other rod has one sensor, and its rows say nothing of sensors.
     assert!(others.len() == 6 && others.iter().all(|row| row.get("sensors").is_none()));

@@ -90,7 +90,7 @@ fn relative_particles_modes(bencher: Bencher, (particles, modes): (usize, usize)
     }
 }
 
-/// What changes of every kind would do to a rod: once a baseline.
+/// Responses of a rod to changes of every kind: once a baseline.
 #[divan::bench(sample_count = 30)]
 fn alternatives_new(bencher: Bencher) {
     if let Some(baseline) = baseline(&records(30, 3), 0.01, 512) {

@@ -32,7 +32,7 @@ pub struct Found {
     seen: Seen,
 }
 
-/// How far the search of the samples came.
+/// Result of the search of the samples.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 enum Seen {
     /// Resonances were searched for; there may be none.

@@ -1,4 +1,4 @@
-//! What tests of a rod tell its baseline.
+//! Baselines of a rod that was tested.
 
 use crate::scenario::Scenario;
 use nalgebra::{DMatrix, DVector};

@@ -327,7 +327,7 @@ fn coverage_campaign() {
     }
 }
 
-/// What modulus and both springs are off by together, in prior standard deviations: the direction that moves all slopes alike.
+/// Common error of modulus and both springs, in prior standard deviations: the direction that moves all slopes alike.
 fn stiffness(rod: &Rod, prior: &RodPrior) -> f64 {
     let off = [1, 4, 5].map(|i| match prior.priors()[i] {
         Prior::TruncatedNormal { mean, sd } => (rod.theta[i] - mean) / sd,

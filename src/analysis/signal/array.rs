@@ -208,7 +208,7 @@ impl Array {
         }
     }
 
-    /// What the sensors tell of a mode; `None` where none sees it, or the record is too short.
+    /// Findings of the sensors about a mode; `None` where none sees it, or the record is too short.
     ///
     /// # Errors
     /// The sensor whose phase no mode has.

@@ -1,4 +1,4 @@
-//! `tirante hub command`: commands to a site, and what became of them.
+//! `tirante hub command`: sends commands to a site, and lists commands with their outcome.
 
 use super::listed;
 use crate::command::listing::minutes;

@@ -1,6 +1,6 @@
 //! Records of a rod's sensors by moments: a fold over the sensors' own times.
 //!
-//! What begins first makes the moment, with what each other sensor has in common with half of the shorter, the longest part of several.
+//! The event that begins first makes the moment, with what each other sensor has in common with half of the shorter, the longest part of several.
 //! It closes when every other sensor has a record that none still to come can surpass, or no sample left that could become one, or has
 //! ended, or is further behind than the rod waits. So the moments follow from the sensors' histories, not from the progress of reading;
 //! what lags beyond the wait is late, and said to be. A motion makes one moment: a further record of its time is late as well.
@@ -361,7 +361,7 @@ impl Moments {
         (at, moment)
     }
 
-    /// What comes of a motion that has its moment: refused if it is a record.
+    /// A later event of a motion that has its moment: refused if it is a record.
     fn late(&self, sensor: usize, event: Event) -> Moment {
         let event = match event {
             Event::Record(record) => Event::Rejected {

@@ -25,7 +25,7 @@ struct Schema {
     data: Vec<u8>,
 }
 
-/// What is known of a file up to the record under way.
+/// State of reading a file, up to the record under way.
 pub(super) struct Contents {
     trust: Trust,
     pub chunk: ChunkReader,

@@ -55,7 +55,8 @@ const HIGHEST_HZ: f64 = 1e5;
       --sd 0.005,-,0.01    # mode 2 not measured
   tirante identify --frequencies 4.492,9.288 --draws-out draws.csv
   tirante identify pull.mcap --load 300N@0.5L=1.1mm+-3%    # same day
-  tirante identify bare.mcap --mass 20kg@0.3L --with-mass heavy.mcap
+  tirante identify bare.mcap --config site.toml \\
+      --mass 5kg@0.3L --with-mass heavy.mcap
   tirante identify --frequencies 4.492,9.288 \\
       --measured side=70.1,70.4,69.9mm+-0.2mm")]
 pub struct Args {

@@ -25,6 +25,7 @@ pub mod steps;
 pub mod trial;
 mod vigil;
 mod wall_clock;
+pub mod watch;
 mod workers;
 
 use crate::site::prepared::Generation;

@@ -5,12 +5,12 @@ mod listing;
 
 use self::lane::{Lane, Stamp, has_end, stamp};
 use self::listing::{Entry, Listing, label, name_of};
-use super::steps::Watch;
+use super::watch::Watch;
 use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::read::folder::first_time;
 use crate::recording::read::recordings::FileResult;
 use crate::recording::read::{HELD, Step};
-use crate::service::telemetry::{Fault, Health};
+use crate::service::telemetry::{Beat, Fault, Health};
 use crate::site::store::{FileMark, FileState};
 use rustix::fs::{Mode, OFlags};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
@@ -147,11 +147,16 @@ impl Folder {
 
     /// Takes one step: a scan if due, or at most one record or chunk of one file. `elsewhere`: bytes of samples
     /// that the journal holds.
-    pub fn step(&mut self, watch: &mut Watch, stop: &AtomicBool, elsewhere: usize) -> FolderStep {
+    pub fn step(
+        &mut self,
+        watch: &mut dyn Watch,
+        (stop, beat): (&AtomicBool, &Beat),
+        elsewhere: usize,
+    ) -> FolderStep {
         self.elsewhere = elsewhere;
         if Instant::now() >= self.next_scan {
             let began = Instant::now();
-            self.scan(stop);
+            self.scan(stop, beat);
             let took = began.elapsed();
             self.next_scan = Instant::now() + SCAN_EVERY.max(SCAN_SHARE * took);
         }
@@ -188,7 +193,7 @@ impl Folder {
     }
 
     /// Takes a step of the next growing file with data.
-    fn step_growing(&mut self, watch: &mut Watch) -> Option<FolderStep> {
+    fn step_growing(&mut self, watch: &mut dyn Watch) -> Option<FolderStep> {
         for _ in 0..self.growing.len() {
             let mut lane = self.growing.pop_front()?;
             lane.recording.bound(self.room());
@@ -237,9 +242,9 @@ impl Folder {
         }
     }
 
-    fn close(&mut self, mut lane: Lane, watch: &Watch) -> FolderStep {
+    fn close(&mut self, mut lane: Lane, watch: &dyn Watch) -> FolderStep {
         let (size, modified_ns) = lane.stamp;
-        (watch.is_read)(&lane.label);
+        watch.is_read(&lane.label);
         let quarantined = lane.guard.end(&lane.label);
         if quarantined.is_some() {
             self.set_aside.insert(lane.name.clone());
@@ -262,7 +267,7 @@ impl Folder {
     }
 
     /// Looks for files that are new or changed.
-    fn scan(&mut self, stop: &AtomicBool) {
+    fn scan(&mut self, stop: &AtomicBool, beat: &Beat) {
         let mut there = BTreeSet::new();
         let mut links = BTreeSet::new();
         let mut unreadable = BTreeMap::new();
@@ -270,6 +275,7 @@ impl Folder {
             if stop.load(Ordering::Relaxed) {
                 return;
             }
+            beat.pass();
             match entry {
                 Entry::Recording(name, data) => {
                     self.found(&name, stamp(&data), &data);

@@ -71,6 +71,7 @@ fn analyse(event: Event, mut config: Config, address_space: u64) -> anyhow::Resu
     let plans = prepared::plans(&config, |_| |_, _| ())?;
     plans.get(&rod).context("no such rod")?.table();
     let ballast = ballast(address_space)?;
+    at_the_step(Place::default());
     std::hint::black_box(analyse::analyse(event, &plans, &Known::new()));
     drop(ballast);
     Ok(())
@@ -99,22 +100,25 @@ fn read(reading: &Reading, config: &Config, store: &Path, address_space: u64) ->
     Ok(())
 }
 
+/// Tells the daemon that the step at a place is begun: what happens before blames nothing.
+fn at_the_step(place: Place) {
+    let mut output = io::stdout().lock();
+    // A parent that does not listen has ended.
+    let _ = output.write_all(&place.to_bytes()).and_then(|()| output.flush());
+}
+
 /// Reads past the places, or ends the file at the first of them and takes what came before.
 fn pass<S: Source>(mut source: S, reading: &Reading) {
     let mut left = reading.places.clone();
     let mut steps = Steps::default();
     let mut has_ended = false;
-    let mut output = io::stdout().lock();
     loop {
         let here = source
             .position()
             .filter(|(name, _)| **name == *reading.name)
             .map(|(_, offset)| steps.next(offset));
         if let Some(here) = here.filter(|_| !has_ended) {
-            // A parent that does not listen has ended.
-            let _ = output
-                .write_all(&Place::to_bytes(here))
-                .and_then(|()| output.flush());
+            at_the_step(here);
             if reading.ends_there && left.contains(&here) {
                 source.abandon("tried apart");
                 has_ended = true;

@@ -291,7 +291,12 @@ fn folders_below_are_read_on_request_and_links_are_named() {
         settle_s: 0.1,
         journal: None,
     };
-    let mut run = Run::of(watched(), Remembered::default(), Arc::default(), Box::new(Unwatched));
+    let mut run = Run::of(
+        watched(),
+        Remembered::default(),
+        Arc::default(),
+        Box::new(Unwatched),
+    );
     run.until("all four files", |run| run.remembered.files.len() == 4);
     run.until_quiet();
     let names: Vec<&str> = run.remembered.files.keys().map(String::as_str).collect();

@@ -126,7 +126,9 @@ impl Live {
                     Ok(Ok(())) if *stop.borrow() => return,
                     Ok(Ok(())) => anyhow::anyhow!("the sockets closed by themselves"),
                     Ok(Err(error)) => error.into(),
-                    Err(broken) => anyhow::anyhow!("the sockets: the program broke, please report it: {broken}"),
+                    Err(broken) => {
+                        anyhow::anyhow!("the sockets: the program broke, please report it: {broken}")
+                    }
                 };
                 // A daemon that stops does not listen any more.
                 let _ = sender.send(LifecycleEvent::Failed(error));

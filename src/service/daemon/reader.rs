@@ -347,7 +347,11 @@ impl Work {
             return Ok(false);
         };
         let elsewhere = self.journal.as_ref().map_or(0, |lane| lane.series.held());
-        match folder.step(&mut *self.around.watch, (&self.stop, &self.around.beat), elsewhere) {
+        match folder.step(
+            &mut *self.around.watch,
+            (&self.stop, &self.around.beat),
+            elsewhere,
+        ) {
             Step::Wait | Step::End => return Ok(false),
             Step::More => {}
             Step::Event(event, place) => self.send_event(event, place)?,

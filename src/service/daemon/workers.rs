@@ -88,10 +88,10 @@ fn quarantined(event: &Event, record: Record, rejection: Rejection, plans: &Plan
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::daemon::quarantine::LAST;
     use crate::analysis::outcome::Outcome;
     use crate::analysis::signal::record::{Moment, Timestamp};
     use crate::config::Config;
+    use crate::service::daemon::quarantine::LAST;
     use crate::service::telemetry::Telemetry;
     use crate::site::prepared;
 

@@ -71,7 +71,13 @@ mod tests {
     fn a_thread_is_watched_while_it_has_its_beat() {
         let beats = Beats::default();
         let (one, other) = (beats.of("one"), beats.of("other"));
-        let names = || beats.ages_at(Instant::now()).iter().map(|(name, _)| *name).collect::<Vec<_>>();
+        let names = || {
+            beats
+                .ages_at(Instant::now())
+                .iter()
+                .map(|(name, _)| *name)
+                .collect::<Vec<_>>()
+        };
         assert_eq!(names(), ["one", "other"]);
         drop(one);
         assert_eq!(names(), ["other"]);

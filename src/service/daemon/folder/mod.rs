@@ -29,6 +29,8 @@ const SCAN_EVERY: Duration = Duration::from_secs(1);
 const SCAN_SHARE: u32 = 20;
 /// Most growing recordings read at once.
 const MOST_GROWING: usize = 64;
+/// Subject of the condition that there are more.
+const GROWING: &str = "growing recordings";
 /// Most bytes that growing recordings may hold together; beyond, the largest is read when it is finished.
 const GROWING_BYTES: usize = 32 << 20;
 /// Least room for the samples of a recording, whatever the journal and the other recordings hold \[bytes\].
@@ -68,6 +70,8 @@ pub(super) struct Folder {
     elsewhere: usize,
     /// True if the growing files have the next turn.
     is_turn_of_growing: bool,
+    /// Number of growing files that have no place, at the last look.
+    crowded: usize,
     /// True at the start, until all finished files present then are read.
     catches_up: bool,
 }
@@ -115,6 +119,7 @@ impl Folder {
             next_scan: Instant::now(),
             elsewhere: 0,
             is_turn_of_growing: false,
+            crowded: 0,
             catches_up: true,
         }
     }
@@ -269,6 +274,7 @@ impl Folder {
     /// Looks for files that are new or changed.
     fn scan(&mut self, stop: &AtomicBool, beat: &Beat) {
         let mut there = BTreeSet::new();
+        self.crowded = 0;
         let mut links = BTreeSet::new();
         let mut unreadable = BTreeMap::new();
         for entry in Listing::of(Arc::clone(&self.path), self.has_subfolders) {
@@ -287,6 +293,16 @@ impl Folder {
                 Entry::Unreadable(folder, fault) => {
                     unreadable.insert(folder, fault);
                 }
+            }
+        }
+        match self.crowded {
+            0 => self.health.over(Fault::Folder, GROWING),
+            more => {
+                let detail = format!(
+                    "{more} recordings more than {MOST_GROWING} grow at once: they are read when others have ended; put the topics of \
+                     several sensors into one recording"
+                );
+                self.health.hold(Fault::Folder, GROWING, detail);
             }
         }
         for name in links.difference(&self.links) {
@@ -357,7 +373,11 @@ impl Folder {
             let time = first_time(&file).unwrap_or(u64::MAX);
             self.queue.insert((time, name.to_owned()));
             self.queued.insert(name.to_owned(), stamp);
-        } else if self.growing.len() < MOST_GROWING && !self.postponed.contains(name) {
+        } else if self.postponed.contains(name) {
+            // Until it is finished.
+        } else if self.growing.len() >= MOST_GROWING {
+            self.crowded += 1;
+        } else {
             match Lane::begin(&self.path, name, file, true, &self.channels, &self.settings) {
                 Ok(lane) => self.growing.push_back(lane),
                 Err(error) => self.health.fault(Fault::Folder, error),

@@ -12,7 +12,7 @@ mod slots;
 mod suspects;
 
 pub use names::{file_step, last_step, place_step, record_step};
-pub use suspects::{Ends, LAST, LAST_WITH_MACHINE};
+pub use suspects::{Ends, LAST};
 
 use super::places::Place;
 use slots::{Left, Slots};
@@ -104,7 +104,10 @@ impl Quarantine {
 
     /// A slot for one thread.
     pub fn slot(self: &Arc<Self>) -> Slot {
-        let mut slots = self.number_of_slots.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut slots = self
+            .number_of_slots
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         let number = *slots;
         *slots += 1;
         Slot {
@@ -200,7 +203,11 @@ mod tests {
     }
 
     fn alone(store: &Path, step: &str) -> u32 {
-        Quarantine::open(store).unwrap().ends(step).unwrap_or_default().alone
+        Quarantine::open(store)
+            .unwrap()
+            .ends(step)
+            .unwrap_or_default()
+            .alone
     }
 
     #[test]
@@ -296,9 +303,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = folder.path().join("site.db");
         // The first end blames nobody.
-        for ends in 0..=LAST_WITH_MACHINE {
+        for ends in 0..=2 * LAST {
             let quarantine = Quarantine::open(&store).unwrap();
-            assert!(!quarantine.ends("step").is_some_and(|ends| ends.is_too_many()), "{ends}");
+            assert!(
+                !quarantine.ends("step").is_some_and(|ends| ends.is_too_many()),
+                "{ends}"
+            );
             goes_down_at(&store, "step");
         }
         let ends = Quarantine::open(&store).unwrap().ends("step").unwrap();
@@ -309,7 +319,7 @@ mod tests {
     fn power_cuts_blame_no_step_while_steps_go_through() {
         let folder = tempfile::tempdir().unwrap();
         let store = folder.path().join("site.db");
-        for day in 0..3 * LAST_WITH_MACHINE {
+        for day in 0..6 * LAST {
             // Every second time at a suspect, alone, which goes through at the next start.
             let step = format!("step {}", day / 2);
             let quarantine = Arc::new(Quarantine::open(&store).unwrap());

@@ -10,11 +10,9 @@ use std::io::{self, Write};
 use std::path::Path;
 
 /// Number of ends at a step, alone, after which it is not taken again, whatever a process of its own showed. With the first
-/// end, which blames no step, these are five: systemd must not give up before (docs/daemon.md).
+/// end, which blames no step, these are five: systemd must not give up before (docs/daemon.md). One that came with an end of
+/// the machine counts half: a power cut is nobody's fault, but a step that is there at each of so many takes the machine down.
 pub const LAST: u32 = 4;
-/// The same where the machine went down at some of them: a power cut is nobody's fault, but one and the same step at each of
-/// so many is what takes the machine down.
-pub const LAST_WITH_MACHINE: u32 = 8;
 
 /// Most suspects remembered at which the program did not end alone.
 const MOST: usize = 256;
@@ -81,8 +79,8 @@ impl Ends {
     }
 
     fn exceed(&self, more: u32) -> bool {
-        let own = self.alone.saturating_sub(self.with_machine);
-        self.is_condemned || own >= LAST + more || self.alone >= LAST_WITH_MACHINE + more
+        let halves = (2 * self.alone).saturating_sub(self.with_machine);
+        self.is_condemned || halves >= 2 * (LAST + more)
     }
 
     fn add(&mut self, with_machine: bool) {
@@ -220,7 +218,8 @@ mod tests {
             (4, 1, false),
             (5, 1, true),
             (7, 7, false),
-            (7, 4, false),
+            (7, 4, true),
+            (6, 5, false),
             (8, 8, true),
         ] {
             let ends = ends(alone, with_machine);
@@ -236,7 +235,10 @@ mod tests {
         assert_eq!(old["a"].alone, 2);
         assert!(!old["a"].is_too_many() && old["b"].is_condemned);
         let text = serde_json::to_string(&old).unwrap();
-        assert_eq!(serde_json::from_str::<BTreeMap<String, Ends>>(&text).unwrap(), old);
+        assert_eq!(
+            serde_json::from_str::<BTreeMap<String, Ends>>(&text).unwrap(),
+            old
+        );
     }
 
     #[test]

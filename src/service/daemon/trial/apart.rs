@@ -20,6 +20,9 @@ use std::path::Path;
 use std::thread;
 use std::time::Duration;
 
+/// Address space that a daemon may take between a trial and the step: plans of transforms, stacks of threads \[bytes\].
+const GROWTH: usize = 16 << 20;
+
 /// Takes the step that standard input describes. The places of a file that is read go to standard output.
 ///
 /// # Errors
@@ -53,14 +56,16 @@ fn leave_with_the_daemon() -> io::Result<()> {
     thread::Builder::new().spawn(watch).map(drop)
 }
 
-/// Takes as much address space as the daemon has: the system's limit then leaves the same room.
+/// Takes as much address space as the daemon has, and what that may still take before it comes to the step: the system's
+/// limit then leaves the same room. Without room for both the first alone.
 fn ballast(daemon: u64) -> anyhow::Result<Vec<u8>> {
     let own = process::address_space().unwrap_or(daemon);
+    let size = usize::try_from(daemon.saturating_sub(own))?;
     let mut ballast = Vec::new();
     // Reserved and never touched, it takes no memory.
-    ballast
-        .try_reserve_exact(usize::try_from(daemon.saturating_sub(own))?)
-        .context("no address space")?;
+    if daemon == 0 || ballast.try_reserve_exact(size + GROWTH).is_err() {
+        ballast.try_reserve_exact(size).context("no address space")?;
+    }
     // Nobody uses it, and it must be there.
     Ok(std::hint::black_box(ballast))
 }

@@ -157,7 +157,10 @@ fn judged(status: ExitStatus, peak_mb: f64, reached: Option<Reached>) -> Ended {
     match reached {
         None => Ended::Unclear(format!("it {how} before it reached the step")),
         Some(reached) if status.signal() == Some(SIGKILL) && peak_mb - reached.with_mb < MOST_MB / 2.0 => {
-            Ended::Unclear(format!("it {how}, {:.0} MB before it reached the step", reached.with_mb))
+            Ended::Unclear(format!(
+                "it {how}, {:.0} MB before it reached the step",
+                reached.with_mb
+            ))
         }
         Some(Reached { at, .. }) => Ended::Died { how, at },
     }

@@ -239,7 +239,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let of = |script: &str| verdict(&trials(folder.path(), script));
         let much = "x=$(head -c 300000000 /dev/zero | tr '\\0' x)";
-        for script in ["kill -ABRT $$", "exit 101", &format!("{much}; {AT_THE_STEP}; sleep 1; kill -KILL $$")] {
+        for script in [
+            "kill -ABRT $$",
+            "exit 101",
+            &format!("{much}; {AT_THE_STEP}; sleep 1; kill -KILL $$"),
+        ] {
             assert_eq!(of(script), Verdict::Cleared, "{script}");
         }
     }

@@ -23,8 +23,8 @@ use tirante::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions
 use tirante::service::daemon::places::Place;
 use tirante::service::daemon::reader::{JournalSource, Reader, Remembered, Sources, Surroundings};
 use tirante::service::daemon::steps::Aside;
+use tirante::service::daemon::supervision::{Unwatched, Watch};
 use tirante::service::daemon::trial::Input;
-use tirante::service::daemon::watch::{Unwatched, Watch};
 use tirante::service::journal::{Around, Batch, Bell, End, Entry, Journal};
 use tirante::service::telemetry::{Fault, Health};
 use tirante::site::driver::{Job, Loads};
@@ -511,6 +511,25 @@ fn what_a_file_lost_is_kept_with_its_mark() {
     assert!(
         matches!(&run.remembered.files["cut.mcap"].state, FileState::Incomplete(why) if why.contains("ends in the middle"))
     );
+}
+
+#[test]
+fn growing_files_without_a_place_are_a_condition_until_they_have_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let growing = measured(0.0, 1.0);
+    let path = |number: usize| folder.path().join(format!("{number}.mcap"));
+    for number in 0..66 {
+        fs::write(path(number), &growing[..growing.len() - 8]).unwrap();
+    }
+    let mut run = Run::folder(folder.path(), 600.0);
+    run.until("it is told", |run| {
+        let conditions = run.health.conditions();
+        conditions
+            .iter()
+            .any(|one| one.detail.contains("2 recordings more than 64"))
+    });
+    (0..2).for_each(|number| fs::write(path(number), &growing).unwrap());
+    run.until("all have a place", |run| run.health.conditions().is_empty());
 }
 
 #[test]

@@ -6,8 +6,8 @@
 use super::folder::Folder;
 pub use super::remembered::{JOURNAL, Remembered};
 use super::steps::Guard;
+use super::supervision::{Standing, Watch};
 use super::trial::Input;
-use super::watch::{Standing, Watch};
 use crate::analysis::signal::record::{Event, RodChannels};
 use crate::recording::part;
 use crate::recording::read::Place;

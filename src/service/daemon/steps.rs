@@ -2,8 +2,8 @@
 
 use super::places::{Place, Steps};
 use super::quarantine::{last_step, place_step};
+use super::supervision::Watch;
 use super::trial::Input;
-use super::watch::Watch;
 use crate::recording::read::{Source, Step};
 use crate::service::telemetry::{Fault, Health};
 use crate::site::ordered_map::message_of;

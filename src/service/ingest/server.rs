@@ -135,7 +135,7 @@ pub async fn serve<I: Intake>(
         while let Some(ended) = doors.join_next().await {
             ended.map_err(|error| ListenError::Broken(error.to_string()))?;
         }
-        Ok(())
+        Ok::<(), ListenError>(())
     };
     tokio::select! {
         closed = closed => closed,

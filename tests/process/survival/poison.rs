@@ -1,6 +1,6 @@
 //! A recording that crashes the program whenever it is read, by lack of memory.
 
-use super::campaign::{Campaign, Material, RODS, huge};
+use super::campaign::{Campaign, Material, RODS, huge, tirante};
 use super::process::{DEADLINE, Process};
 use std::collections::BTreeMap;
 use std::fs;
@@ -65,6 +65,24 @@ fn a_recording_the_program_dies_of_is_set_aside_and_the_rest_goes_on() {
         "{}",
         daemon.log()
     );
+    let outcomes = |words: &[&str]| -> Vec<(String, String)> {
+        let words = [&["files", "--store", "state/site.db", "--format", "json"], words].concat();
+        let listed = String::from_utf8(tirante(campaign.folder.path(), &words).stdout).unwrap();
+        let files = listed
+            .lines()
+            .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+        let word = |file: &serde_json::Value, key: &str| file[key].as_str().unwrap().to_owned();
+        files
+            .map(|file| (word(&file, "file"), word(&file, "outcome")))
+            .collect()
+    };
+    assert_eq!(
+        outcomes(&["later"]),
+        [("later.mcap".to_owned(), "done".to_owned())]
+    );
+    let losses = outcomes(&["--losses"]);
+    let is_lost = ("huge.mcap".to_owned(), "quarantined".to_owned());
+    assert_eq!(losses.contains(&is_lost), deaths == 2, "{losses:?}");
     let store = rusqlite::Connection::open(campaign.path("state/site.db")).unwrap();
     let sql = "SELECT count(*) FROM record WHERE rod = 'north' AND rejection IS NULL";
     let north: i64 = store.query_row(sql, (), |row| row.get(0)).unwrap();

@@ -5,7 +5,7 @@ mod listing;
 
 use self::lane::{Lane, Stamp, has_end, stamp};
 use self::listing::{Entry, Listing, label, name_of};
-use super::watch::Watch;
+use super::supervision::Watch;
 use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::read::folder::first_time;
 use crate::recording::read::recordings::FileResult;

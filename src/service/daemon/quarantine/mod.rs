@@ -2,7 +2,7 @@
 //!
 //! Before a risky step its name is written into a slot of `STORE.working`, and erased after it. The file survives any end
 //! of the process. A step found in it at the next start is suspect: it is taken again while nothing else is at work
-//! ([`super::watch`]), so that no other step is blamed. If the process ends at it once more, the step is tried in a process of
+//! ([`super::supervision`]), so that no other step is blamed. If the process ends at it once more, the step is tried in a process of
 //! its own ([`super::trial`]) before it is taken again, and set aside if that dies: an end from outside blames no step. A step
 //! at which, or at whose trial, the daemon ends again and again is set aside as well ([`Ends::is_too_many`]), so that nothing
 //! keeps the daemon down for good.

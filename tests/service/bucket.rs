@@ -457,6 +457,7 @@ fn a_journal_removes_no_part_that_the_bucket_lacks() {
     let copy = site.start();
     let health = Arc::<Health>::default();
     let around = Around {
+        beat: Arc::default(),
         copied: Some(Arc::clone(&copy.held)),
         health: Arc::clone(&health),
         halted: Arc::default(),

@@ -3,7 +3,7 @@
 use super::batch::Batch;
 use super::centre::{History, Position, SiteState};
 use super::incoming::Incoming;
-use super::rows::{Rows, Taken};
+use super::rows::Rows;
 use super::tables::{self, Copied};
 use super::text::fit;
 use crate::service::forward::message::{self, MessageError};

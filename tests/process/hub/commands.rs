@@ -120,8 +120,9 @@ fn what_the_post_lost_comes_again_by_command() {
     fleet.stop_edge(0);
     fleet.stop_hub();
     fleet.forget_stream_and_centre();
+    let logged = fleet.hub_logged();
     fleet.start_hub();
-    fleet.wait_for_hub_log(0, "ready: 1 sites");
+    fleet.wait_for_hub_log(logged, "ready: 1 sites");
     publish_again(&fleet, late);
     fleet.start_edge(0);
     wait(&fleet, "the site is parked", || {

@@ -33,7 +33,7 @@ fn rejection(draws: usize) -> AbcSettings {
     }
 }
 
-/// What a record gives for a rod of the prior: mean frequencies and 10 mHz.
+/// Frequencies of a rod of the prior as a record gives them: mean frequencies and 10 mHz.
 fn record() -> Observation {
     Observation::first(&[5.05, 10.30, 15.95], 0.01).expect("an observation")
 }

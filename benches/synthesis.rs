@@ -1,4 +1,4 @@
-//! How long a configuration takes to read and a simulated record to make, by size.
+//! Times of reading a configuration and of making a simulated record, by size.
 
 use divan::{Bencher, black_box};
 use tirante::analysis::lab::synthesis::Synthesis;

@@ -30,11 +30,9 @@ fn records(count: usize, modes: usize) -> Vec<Observation> {
             if exact.frequencies(&theta, &mut f).is_err() {
                 f.fill(f64::NAN);
             }
-            Observation {
-                start: Timestamp::from_nanos(t as i64 * 3_600_000_000_000),
-                duration_s: 60.0,
-                modes: f
-                    .iter()
+            Observation::of_modes(
+                Timestamp::from_nanos(t as i64 * 3_600_000_000_000),
+                f.iter()
                     .enumerate()
                     .map(|(n, f)| LogMode {
                         order: n + 1,
@@ -42,10 +40,7 @@ fn records(count: usize, modes: usize) -> Vec<Observation> {
                         log_sd: 1e-3,
                     })
                     .collect(),
-                readings: Vec::new(),
-                rms: 1e-5,
-                conflict: 0.0,
-            }
+            )
         })
         .collect()
 }
@@ -95,7 +90,7 @@ fn relative_particles_modes(bencher: Bencher, (particles, modes): (usize, usize)
     }
 }
 
-/// What changes of every kind would do to a rod: once a baseline.
+/// Responses of a rod to changes of every kind: once a baseline.
 #[divan::bench(sample_count = 30)]
 fn alternatives_new(bencher: Bencher) {
     if let Some(baseline) = baseline(&records(30, 3), 0.01, 512) {

@@ -6,6 +6,9 @@ use tirante::command;
 use tirante::command::cli::Cli;
 
 fn main() -> ExitCode {
+    if let Some(code) = command::trial::asked(std::env::args_os()) {
+        return code;
+    }
     let cli = Cli::parse();
     cli.start_logging();
     match command::run(&cli.command) {

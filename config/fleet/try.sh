@@ -55,12 +55,13 @@ else
 fi
 
 sites=(todi gubbio assisi spello narni)
+positions=("42.782, 12.407" "43.352, 12.577" "43.071, 12.616" "42.990, 12.670" "42.518, 12.517")
 pages=()
 for site in "${sites[@]}"; do pages+=("$(port)"); done
 {
   printf '[nats]\nto = "nats://127.0.0.1:%s"\nmonitor = "http://127.0.0.1:%s"\n%s\n[http]\nlisten = "127.0.0.1:%s"\n' \
     "$nats" "$monitor" "$storage" "$page"
-  for i in "${!sites[@]}"; do printf '[[site]]\nname = "%s"\nlink = "http://127.0.0.1:%s"\n' "${sites[i]}" "${pages[i]}"; done
+  for i in "${!sites[@]}"; do printf '[[site]]\nname = "%s"\nlink = "http://127.0.0.1:%s"\nposition = [%s]\n' "${sites[i]}" "${pages[i]}" "${positions[i]}"; done
 } >"$folder/hub.toml"
 "$tirante" hub --config "$folder/hub.toml" >"$folder/hub.log" 2>&1 &
 started+=($!)

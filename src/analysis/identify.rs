@@ -105,7 +105,7 @@ pub struct Identification {
     pub hangs_on: Option<VarianceShares>,
     /// Effect of the rod's tests on the posterior; `None` without tests.
     pub tested: Option<Tested>,
-    /// What it owes to several sensors; `None` for a rod with one.
+    /// Part that comes from several sensors; `None` for a rod with one.
     pub joint: Option<Joint>,
 }
 

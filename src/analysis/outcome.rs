@@ -124,7 +124,7 @@ impl Outcome {
                 start: Some(row.start),
                 duration_s: Some(row.duration_s),
                 readings: row.readings,
-                ..Rejected::without_samples(rod, rejection)
+                ..Rejected::new(rod, rejection)
             })),
         }
     }
@@ -133,7 +133,7 @@ impl Outcome {
     pub fn of_frequencies(rod: &RodId, found: Result<Identification, Rejection>) -> Self {
         match found {
             Ok(identification) => Self::Identified(Box::new(identification)),
-            Err(rejection) => Self::Rejected(Box::new(Rejected::without_samples(rod.clone(), rejection))),
+            Err(rejection) => Self::Rejected(Box::new(Rejected::new(rod.clone(), rejection))),
         }
     }
 
@@ -249,8 +249,8 @@ impl Tabulated {
 }
 
 impl Rejected {
-    /// Refused frequencies, of which nothing else is known.
-    fn without_samples(rod: RodId, rejection: Rejection) -> Self {
+    /// A refusal of which nothing else is known.
+    pub fn new(rod: RodId, rejection: Rejection) -> Self {
         Self {
             rod,
             start: None,
@@ -263,6 +263,18 @@ impl Rejected {
             labels: None,
             waveform: None,
             sensors: None,
+        }
+    }
+
+    /// A refusal of a record that gave a force.
+    pub fn of_identified(found: &Identification, rejection: Rejection) -> Self {
+        let measurement = found.measurement.as_ref();
+        Self {
+            start: measurement.map(|measured| measured.start),
+            duration_s: measurement.map(|measured| measured.duration_s),
+            fs_hz: measurement.map(|measured| measured.fs_hz),
+            identity: measurement.map(|measured| measured.identity),
+            ..Self::new(found.rod.clone(), rejection)
         }
     }
 

@@ -197,16 +197,7 @@ pub fn run(
                    --start and replay the recordings together";
         return Err(BadArguments(why.to_owned()).into());
     }
-    let total: u64 = files
-        .iter()
-        .flatten()
-        .filter_map(|file| file.metadata().ok())
-        .map(|data| data.len())
-        .sum();
-    let bar = Progress::new(
-        total,
-        "{bar:40} {percent:>3} %  {bytes} of {total_bytes}, {eta} left",
-    );
+    let (bar, total) = Progress::of_files(&files);
     let done = Arc::new(AtomicU64::new(0));
     let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
     let (is_meant, needs_all) = (others.is_meant, others.needs_all);

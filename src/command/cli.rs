@@ -3,7 +3,7 @@
 use crate::command::{
     ack, alarm, backup, check, completions, emulator, files, fleet, frequencies, history, hub, identify,
     import, init, manual, measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum,
-    status, study, track, trial,
+    status, study, track,
 };
 use crate::service::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -61,8 +61,6 @@ pub enum Command {
     Completions(completions::Args),
     #[command(hide = true)]
     Manual(manual::Args),
-    #[command(hide = true)]
-    Trial(trial::Args),
     Check(check::Args),
 }
 

@@ -1,4 +1,4 @@
-//! `tirante files`: what became of every file that a daemon read.
+//! `tirante files`: lists the files that a daemon read, with the outcome of each.
 
 use super::listing::{Aligned, csv, is_coloured, minutes};
 use super::which_store::{Format, WhichStore};

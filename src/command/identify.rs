@@ -306,22 +306,12 @@ fn with_tests(outcome: &Outcome, plans: &Plans, tests: &Tests) -> Option<Outcome
     let plan = plans.get(&found.rod)?;
     Some(match plan.tested(found, &tests.data) {
         Ok(tested) => Outcome::Identified(Box::new(tested)),
-        Err(rejection) => {
-            let measurement = found.measurement.as_ref();
-            Outcome::Rejected(Box::new(Rejected {
-                rod: found.rod.clone(),
-                start: measurement.map(|m| m.start),
-                duration_s: measurement.map(|m| m.duration_s),
-                fs_hz: measurement.map(|m| m.fs_hz),
-                identity: measurement.map(|m| m.identity),
-                readings: Vec::new(),
-                rejection,
-                measurement: measurement.cloned().map(Box::new),
-                labels: found.labels.clone(),
-                waveform: None,
-                sensors: found.joint.as_ref().map(|joint| joint.sensors.clone()),
-            }))
-        }
+        Err(rejection) => Outcome::Rejected(Box::new(Rejected {
+            measurement: found.measurement.clone().map(Box::new),
+            labels: found.labels.clone(),
+            sensors: found.joint.as_ref().map(|joint| joint.sensors.clone()),
+            ..Rejected::of_identified(found, rejection)
+        })),
     })
 }
 

@@ -104,7 +104,6 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Serve(args) => serve::run(args),
         Command::Send(args) => send::run(args),
         Command::Completions(args) => completions::run(args, &mut Cli::command()),
-        Command::Trial(args) => trial::run(args),
         Command::Manual(args) => manual::run(args, &Cli::command()),
     }
 }

@@ -2,6 +2,7 @@
 
 use indicatif::{DecimalBytes, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Read};
+use std::path::PathBuf;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -31,6 +32,17 @@ impl Progress {
             bar,
             since: Instant::now(),
         }
+    }
+
+    /// A bar over the bytes of files, and their number.
+    pub fn of_files<E>(files: &[Result<PathBuf, E>]) -> (Self, u64) {
+        let sizes = files.iter().flatten().filter_map(|file| file.metadata().ok());
+        let total = sizes.map(|data| data.len()).sum();
+        let bar = Self::new(
+            total,
+            "{bar:40} {percent:>3} %  {bytes} of {total_bytes}, {eta} left",
+        );
+        (bar, total)
     }
 
     /// A bar for the model solves that train a chaos.

@@ -96,7 +96,7 @@ fn size(value: f64, unit: &str) -> Result<f64, String> {
     }
 }
 
-/// What a word says of a section.
+/// Meaning of a word in the text of a section.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Shape {
     Round,

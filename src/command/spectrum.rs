@@ -171,16 +171,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         how: foreign.how(),
     };
     let files = read::recordings(&args.paths);
-    let total: u64 = files
-        .iter()
-        .flatten()
-        .filter_map(|file| file.metadata().ok())
-        .map(|data| data.len())
-        .sum();
-    let bar = Progress::new(
-        total,
-        "{bar:40} {percent:>3} %  {bytes} of {total_bytes}, {eta} left",
-    );
+    let (bar, total) = Progress::of_files(&files);
     let done = Arc::new(AtomicU64::new(0));
     let mut shown = Shown::new(args);
     let mut failure = None;

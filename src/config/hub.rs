@@ -6,12 +6,13 @@ use super::reader::{Absent, Table, key};
 use super::settings::alert::{AlertSettings, SinkSettings};
 use super::settings::forward::NatsSettings;
 use super::settings::http::HttpSettings;
-use super::settings::hub::{PostgresSettings, SiteSettings, Storage};
+use super::settings::hub::{CopiesSettings, PostgresSettings, SiteSettings, Storage};
 use super::value::toml_floats;
 use super::{ConfigError, forward, http, parse_tables, read_text, sink};
 use std::path::{Path, PathBuf};
 
 const HOUR_S: f64 = 3600.0;
+const DAY_S: f64 = 24.0 * HOUR_S;
 
 /// Configuration of the centre.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,6 +35,8 @@ pub struct HubConfig {
     pub alert: AlertSettings,
     /// File that keeps what is told to the sinks; present with sinks.
     pub outbox: Option<PathBuf>,
+    /// Copies of the rows of sites whose pages are looked at.
+    pub copies: CopiesSettings,
 }
 
 impl HubConfig {
@@ -150,17 +153,33 @@ impl HubConfig {
                 "[outbox] with the path of a file for what is told to the sinks",
             );
         }
+        let (copies, shown_s) = root.section(
+            "copies",
+            "Copies of the rows of sites whose pages are looked at.",
+            copies,
+        );
+        let storage = storage?;
+        let outbox = match outbox {
+            Some(outbox) => Some(outbox?),
+            None => None,
+        };
+        let own_file = match (&outbox, &storage) {
+            (Some(path), _) | (None, Storage::Sqlite(path)) => path.as_path(),
+            (None, Storage::Postgres(_)) => Path::new(""),
+        };
+        let copies = CopiesSettings {
+            path: copies.unwrap_or_else(|| own_file.with_file_name("copies")),
+            shown_s,
+        };
         Some(Self {
+            copies,
             sinks: sinks?,
             alert,
-            outbox: match outbox {
-                Some(outbox) => Some(outbox?),
-                None => None,
-            },
+            outbox,
             nats: nats?,
             monitors,
             is_creating,
-            storage: storage?,
+            storage,
             http,
             sites: sites.into_iter().collect::<Option<Vec<_>>>()?,
         })
@@ -170,6 +189,25 @@ impl HubConfig {
     pub fn site(&self, name: &str) -> Option<&SiteSettings> {
         self.sites.iter().find(|site| site.name == name)
     }
+}
+
+fn copies(table: &mut Table<'_>) -> (Option<PathBuf>, f64) {
+    let path = table.take(
+        key("path", "folder for them; relative to the working folder"),
+        "1 to 255 bytes of text",
+        Absent::Nothing("`copies` beside the outbox or the SQLite file, else in the working folder"),
+        |value| value.name_string().map(PathBuf::from),
+        |path| toml_string(&path.display().to_string()),
+    );
+    let days = table.number(
+        key(
+            "days",
+            "age of the oldest records that the page of a site shows [d]",
+        ),
+        Range::within(1.0, 36_500.0),
+        400.0,
+    );
+    (path, DAY_S * days)
 }
 
 fn postgres(table: &mut Table<'_>) -> Option<PostgresSettings> {
@@ -308,4 +346,55 @@ fn site(table: &mut Table<'_>) -> Option<SiteSettings> {
         position,
         silent_s,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LEAST: &str = "[nats]\nto = \"nats://127.0.0.1\"\n[[site]]\nname = \"todi\"\n";
+
+    #[test]
+    fn the_example_is_taken_with_and_without_its_sink() {
+        let example = include_str!("../../config/fleet/hub.toml");
+        assert!(HubConfig::parse(example, "hub.toml").unwrap().sinks.is_empty());
+        let with_sink: Vec<&str> = example
+            .lines()
+            .map(|line| {
+                line.strip_prefix('#')
+                    .filter(|rest| !rest.starts_with(' '))
+                    .unwrap_or(line)
+            })
+            .collect();
+        let config = HubConfig::parse(&with_sink.join("\n"), "hub.toml").unwrap();
+        assert_eq!((config.sinks.len(), config.outbox.is_some()), (1, true));
+        assert!(config.sites[0].position.is_some());
+    }
+
+    #[test]
+    fn copies_are_beside_the_hubs_own_files_unless_a_folder_is_named() {
+        let of = |more: &str| {
+            let config = HubConfig::parse(&format!("{LEAST}{more}"), "hub.toml").unwrap();
+            (config.copies.path.display().to_string(), config.copies.shown_s)
+        };
+        let postgres = "[postgres]\nconnection = \"host=127.0.0.1\"\n";
+        let outbox = "[outbox]\npath = \"own/outbox.db\"\n";
+        for (more, path) in [
+            (
+                "[sqlite]\npath = \"state/centre.db\"\n".to_owned(),
+                "state/copies",
+            ),
+            (postgres.to_owned(), "copies"),
+            (format!("{postgres}{outbox}"), "own/copies"),
+            (
+                format!("{postgres}{outbox}[copies]\npath = \"/var/cache/t\"\n"),
+                "/var/cache/t",
+            ),
+        ] {
+            assert_eq!(of(&more), (path.to_owned(), 400.0 * DAY_S), "{more}");
+        }
+        assert_eq!(of(&format!("{postgres}[copies]\ndays = 10\n")).1, 10.0 * DAY_S);
+        let wrong = HubConfig::parse(&format!("{LEAST}{postgres}[copies]\ndays = 0\n"), "hub.toml");
+        assert!(wrong.unwrap_err().to_string().contains("copies.days"));
+    }
 }

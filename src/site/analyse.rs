@@ -75,11 +75,9 @@ pub fn refused(record: Record, identity: [u8; 32], refusal: Refusal) -> Outcome 
         fs_hz: Some(record.fs_hz),
         identity: Some(identity),
         readings: record.readings,
-        rod: record.rod,
-        rejection: refusal.rejection,
         measurement: refusal.measurement,
         labels: refusal.labels,
-        sensors: None,
+        ..Rejected::new(record.rod, refusal.rejection)
     }))
 }
 
@@ -141,17 +139,11 @@ pub fn analyse(event: Event, plans: &BTreeMap<RodId, Plan>, known: &Known) -> An
             },
             _,
         ) => Outcome::Rejected(Box::new(Rejected {
-            rod,
             start,
             duration_s: Some(duration_s),
             fs_hz,
-            identity: None,
-            readings: Vec::new(),
-            rejection,
-            measurement: None,
-            labels: None,
             waveform,
-            sensors: None,
+            ..Rejected::new(rod, rejection)
         })),
         (Event::Record(_) | Event::Moment(_), _) => unreachable!("every record is analysed"),
     };

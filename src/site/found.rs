@@ -32,7 +32,7 @@ pub struct Found {
     seen: Seen,
 }
 
-/// How far the search of the samples came.
+/// Result of the search of the samples.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 enum Seen {
     /// Resonances were searched for; there may be none.
@@ -176,17 +176,15 @@ impl Found {
     pub fn outcome(&self, rod: &RodId, identity: [u8; 32], plan: &Plan) -> Result<Outcome, NotFindings> {
         let rejected = |refusal: Refusal| {
             Outcome::Rejected(Box::new(Rejected {
-                rod: rod.clone(),
                 start: self.start_ns.map(Timestamp::from_nanos),
                 duration_s: self.duration_s,
                 fs_hz: self.fs_hz,
                 identity: Some(identity),
                 readings: self.readings(),
-                rejection: refusal.rejection,
                 measurement: refusal.measurement,
                 labels: refusal.labels,
                 waveform: Some(NO_WAVEFORM),
-                sensors: None,
+                ..Rejected::new(rod.clone(), refusal.rejection)
             }))
         };
         let search = match &self.seen {
@@ -311,17 +309,8 @@ mod tests {
     fn a_reason_that_would_read_back_as_another_sentence_is_not_kept() {
         let refused = |rejection| {
             Outcome::Rejected(Box::new(Rejected {
-                rod: RodId("r".to_owned()),
-                start: None,
                 duration_s: Some(1.0),
-                fs_hz: None,
-                identity: None,
-                readings: Vec::new(),
-                rejection,
-                measurement: None,
-                labels: None,
-                waveform: None,
-                sensors: None,
+                ..Rejected::new(RodId("r".to_owned()), rejection)
             }))
         };
         let level = |ratio| Rejection::Level { ratio, time_s: 1.0 };

@@ -27,25 +27,16 @@ pub fn late(outcome: &Outcome) -> Outcome {
 }
 
 fn refused(found: &Identification) -> Rejected {
-    let measurement = found.measurement.as_ref();
     let unused = |sensor: &String| LeftOut {
         sensor: sensor.clone(),
         why: "its motion has a row already".to_owned(),
     };
     Rejected {
-        rod: found.rod.clone(),
-        start: measurement.map(|measured| measured.start),
-        duration_s: measurement.map(|measured| measured.duration_s),
-        fs_hz: measurement.map(|measured| measured.fs_hz),
-        identity: measurement.map(|measured| measured.identity),
-        readings: measurement.map_or_else(Vec::new, |measured| measured.readings.clone()),
-        rejection: Rejection::LateSensor,
-        measurement: None,
-        labels: None,
-        waveform: None,
+        readings: (found.measurement.as_ref()).map_or_else(Vec::new, |measured| measured.readings.clone()),
         sensors: found.joint.as_ref().map(|joint| Sensors {
             used: Vec::new(),
             left_out: joint.sensors.used.iter().map(unused).collect(),
         }),
+        ..Rejected::of_identified(found, Rejection::LateSensor)
     }
 }

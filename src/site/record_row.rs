@@ -424,17 +424,9 @@ mod tests {
 
     fn refused(rejection: Rejection) -> RecordRow {
         let outcome = Outcome::Rejected(Box::new(Rejected {
-            rod: RodId("r".to_owned()),
             start: Some(Timestamp::from_nanos(1)),
             duration_s: Some(1.0),
-            fs_hz: None,
-            identity: None,
-            readings: Vec::new(),
-            rejection,
-            measurement: None,
-            labels: None,
-            waveform: None,
-            sensors: None,
+            ..Rejected::new(RodId("r".to_owned()), rejection)
         }));
         RecordRow::of(&outcome, None, "0")
     }

@@ -5,6 +5,8 @@
 mod doubles;
 #[path = "../harness/labels/mod.rs"]
 mod labels;
+#[path = "../harness/program/mod.rs"]
+mod program;
 #[path = "../harness/simulator/mod.rs"]
 mod simulator;
 

@@ -223,7 +223,7 @@ fn ranks(seed: u64, records: u64, sd: f64, discrepancy: f64, steps: usize) -> Ve
 
 #[test]
 fn ranks_are_uniform() {
-    for (quantity, ranks) in ranks(0x5bd, 300, 0.0316, 0.0, 6000) {
+    for (quantity, ranks) in ranks(0x5bd, 200, 0.0316, 0.0, 6000) {
         let test = diagnostics::uniformity(&ranks, 10).unwrap();
         assert!(
             test.chi_square_p > 1e-3 && test.kolmogorov_smirnov_p > 1e-3,

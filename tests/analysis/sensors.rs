@@ -1,9 +1,7 @@
 //! Several sensors of one rod: read, put side by side, identified jointly; dead, swapped and skewed ones.
 
-use assert_cmd::Command;
+use crate::program::{Said, tirante};
 use serde_json::Value;
-use std::path::Path;
-use std::process::Output;
 use std::sync::Arc;
 use tirante::analysis::identify::{Plan, Sensed};
 use tirante::analysis::inference::Tables;
@@ -65,49 +63,22 @@ axial_force_n = 700e3
 
 const BOTH: &str = "[[simulation.rod.further]]\ntopic = \"/laser/2\"\nnoise = 3e-6\n[[simulation.rod.further]]\ntopic = \"/gauge\"\nnoise = 2e-7\n";
 
-fn tirante(folder: &Path, arguments: &[&str]) -> Output {
-    Command::cargo_bin("tirante")
-        .expect("the program is built")
-        .current_dir(folder)
-        .env("TIRANTE_CACHE_DIR", folder)
-        .env_remove("TIRANTE_LOG")
-        .args(arguments)
-        .output()
-        .unwrap()
-}
-
-fn said(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
 /// Simulates with one configuration and identifies with another.
-fn identified(simulated: &str, read: &str) -> (Output, Vec<Value>) {
+fn identified(simulated: &str, read: &str) -> (Said, Vec<Value>) {
     let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    std::fs::write(path("made.toml"), simulated).unwrap();
-    std::fs::write(path("read.toml"), read).unwrap();
-    let made = tirante(
-        folder.path(),
-        &["simulate", "--config", "made.toml", "--out", "pull.mcap"],
-    );
-    assert!(made.status.success(), "{}", said(&made));
-    let output = tirante(
-        folder.path(),
-        &["identify", "pull.mcap", "--config", "read.toml", "--json"],
-    );
-    let lines = String::from_utf8(output.stdout.clone()).unwrap();
-    let rows = lines
-        .lines()
-        .map(|line| serde_json::from_str(line).unwrap())
-        .collect();
-    (output, rows)
+    std::fs::write(folder.path().join("made.toml"), simulated).unwrap();
+    std::fs::write(folder.path().join("read.toml"), read).unwrap();
+    tirante(&folder, "simulate --config made.toml --out pull.mcap").done();
+    let said = tirante(&folder, "identify pull.mcap --config read.toml --json");
+    let rows = said.lines();
+    (said, rows)
 }
 
 #[test]
 fn sensors_of_one_rod_are_identified_jointly() {
     let text = config(BOTH);
-    let (output, rows) = identified(&text, &text);
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let (said, rows) = identified(&text, &text);
+    said.done();
     let [row] = &rows[..] else { panic!("{rows:?}") };
     let number = |key: &str| row["axial_force_n"][key].as_f64().unwrap();
     let (mean, sd) = (number("mean"), number("sd"));
@@ -134,14 +105,12 @@ fn sensors_of_one_rod_are_identified_jointly() {
 fn a_sensor_that_died_leaves_the_others() {
     // The second laser was never heard; then the first.
     let gauge = "[[simulation.rod.further]]\ntopic = \"/gauge\"\nnoise = 2e-7\n";
-    let (output, rows) = identified(&config(gauge), &config(gauge));
-    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
-    assert!(said(&output).contains("/laser/2"), "{}", said(&output));
+    let (said, rows) = identified(&config(gauge), &config(gauge));
+    said.ends(3).says(&["/laser/2"]);
     assert_eq!(rows[0]["tested"]["shapes"].as_array().unwrap().len(), 3);
     let silent = config(BOTH).replace("topic = \"/laser/1\"", "topic = \"/laser/0\"");
-    let (output, rows) = identified(&config(BOTH), &silent);
-    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
-    assert!(said(&output).contains("/laser/0"), "{}", said(&output));
+    let (said, rows) = identified(&config(BOTH), &silent);
+    said.ends(3).says(&["/laser/0"]);
     let mean = rows[0]["axial_force_n"]["mean"].as_f64().unwrap();
     let sd = rows[0]["axial_force_n"]["sd"].as_f64().unwrap();
     assert!((mean - 700e3).abs() < 4.0 * sd, "{mean} +- {sd}");
@@ -153,7 +122,7 @@ fn swapped_sensors_are_refused_by_name_or_conflict() {
         .replace("/laser/1", "/laser/x")
         .replace("/laser/2", "/laser/1")
         .replace("/laser/x", "/laser/2");
-    let (output, rows) = identified(&config(BOTH), &swapped);
+    let (said, rows) = identified(&config(BOTH), &swapped);
     let refused = rows[0]["rejection"]["detail"]
         .as_str()
         .unwrap_or_default()
@@ -162,7 +131,7 @@ fn swapped_sensors_are_refused_by_name_or_conflict() {
     let worst = scores.map_or(0.0, |all| {
         all.iter().filter_map(|c| c["score"].as_f64()).fold(0.0, f64::max)
     });
-    assert!(refused || worst > 3.0, "{} {rows:?}", said(&output));
+    assert!(refused || worst > 3.0, "{said:?}");
 }
 
 #[test]

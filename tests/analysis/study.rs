@@ -2,6 +2,7 @@
 //! findings that no choice of random numbers may change.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
+use crate::program::{ROOT, tirante};
 use std::collections::HashMap;
 use std::path::Path;
 use tirante::analysis::lab::study::{self, Effort, Study};
@@ -11,9 +12,9 @@ use tirante::command::report_page;
 const LITTLE: Effort = Effort {
     abc_runs: 2,
     mcmc_runs: 2,
-    abc_draws: 6_000,
-    many_draws: 12_000,
-    mcmc_steps: 16 * 200,
+    abc_draws: 3_000,
+    many_draws: 6_000,
+    mcmc_steps: 16 * 100,
     rods: 2,
     epochs: 1,
 };
@@ -88,21 +89,12 @@ fn numbers(path: &Path) -> HashMap<[String; 4], (Option<f64>, f64)> {
 fn the_command_writes_a_report_whose_findings_stand() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("new/study");
-    let output = assert_cmd::Command::cargo_bin("tirante")
-        .unwrap()
-        .args(["study", "--quick", "--json", "--seed", "5", "--out"])
-        .arg(&out)
-        .output()
-        .unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let line = format!("study --quick --json --seed 5 --out {}", out.display());
+    let printed = tirante(ROOT, &line).done();
+    let json: serde_json::Value = serde_json::from_str(&printed).unwrap();
     assert_eq!(
-        std::fs::read(out.join("study.json")).unwrap(),
-        output.stdout,
+        std::fs::read_to_string(out.join("study.json")).unwrap(),
+        printed,
         "the file and stdout are the same"
     );
     let numbers = numbers(&out.join("numbers.csv"));
@@ -190,16 +182,10 @@ fn the_command_writes_a_report_whose_findings_stand() {
 #[test]
 fn a_folder_that_cannot_be_made_is_told_before_the_work() {
     let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("file");
-    std::fs::write(&file, "").unwrap();
+    std::fs::write(folder.path().join("file"), "").unwrap();
     let begun = std::time::Instant::now();
-    let output = assert_cmd::Command::cargo_bin("tirante")
-        .unwrap()
-        .args(["study", "--out"])
-        .arg(file.join("study"))
-        .output()
-        .unwrap();
-    assert_eq!(output.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("the folder"));
+    tirante(&folder, "study --out file/study")
+        .ends(1)
+        .says(&["the folder"]);
     assert!(begun.elapsed().as_secs() < 30);
 }

@@ -1,36 +1,8 @@
 //! One campaign in table, JSON lines, history, status and report: the same numbers everywhere.
-#![allow(clippy::unwrap_used)] // helpers of tests are tests
-
-use assert_cmd::Command;
+use crate::program::{ROOT, tirante};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
-
-const RECORDING: &str = "recordings/campaign-2025.mcap";
-
-fn tirante(folder: &Path, words: &[&str]) -> (String, String) {
-    let output = Command::cargo_bin("tirante")
-        .unwrap()
-        .env("TIRANTE_CACHE_DIR", folder)
-        .args(words)
-        .output()
-        .unwrap();
-    let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
-    // Alarms are data: they are no reason for another code.
-    assert_eq!(
-        output.status.code(),
-        Some(0),
-        "{words:?}: {}",
-        text(&output.stderr)
-    );
-    (text(&output.stdout), text(&output.stderr))
-}
-
-fn objects(text: &str) -> Vec<Value> {
-    text.lines()
-        .map(|line| serde_json::from_str(line).unwrap())
-        .collect()
-}
 
 fn number(value: &Value, pointer: &str) -> f64 {
     value
@@ -63,25 +35,25 @@ fn every_command_tells_the_same_numbers() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (told, kept, pages) = (at("table.db"), at("json.db"), at("pages"));
-    let with_config = ["--config", "config/campaign.toml", "--draws", "50000"];
-    let replay = |more: &[&str]| {
-        let words: Vec<&str> = ["replay", RECORDING]
-            .iter()
-            .chain(&with_config)
-            .chain(more)
-            .copied()
-            .collect();
-        tirante(folder.path(), &words)
+    // Alarms are data: they are no reason for another code.
+    let run = |line: &str| tirante(ROOT, line).ends(0);
+    let replay = |more: &str| {
+        let config = "--config config/campaign.toml --draws 50000";
+        run(&format!("replay recordings/campaign-2025.mcap {config} {more}"))
     };
-    let (table, closing) = replay(&["--store", &told, "--report", &pages]);
-    let (lines, _) = replay(&["--store", &kept, "--json"]);
-    let records = objects(&lines);
+    let replayed = replay(&format!("--store {told} --report {pages}"));
+    let (table, closing) = (replayed.out, replayed.err);
+    let lines = replay(&format!("--store {kept} --json"));
+    let records = lines.lines();
     assert_eq!(records.len(), 360);
 
     // History as JSON: the same bytes, from either store.
     for store in [&told, &kept] {
-        let (history, _) = tirante(folder.path(), &["history", "--store", store, "--format", "json"]);
-        assert!(history == lines, "history of {store} is not what replay printed");
+        let history = run(&format!("history --store {store} --format json")).out;
+        assert!(
+            history == lines.out,
+            "history of {store} is not what replay printed"
+        );
     }
 
     // The table: the same numbers, rounded.
@@ -135,7 +107,7 @@ fn every_command_tells_the_same_numbers() {
     }
 
     // History as a spreadsheet: every digit.
-    let (csv, _) = tirante(folder.path(), &["history", "--store", &told, "--format", "csv"]);
+    let csv = run(&format!("history --store {told} --format csv")).out;
     let mut csv = csv.lines();
     let header = csv.next().unwrap();
     for (record, row) in records.iter().zip(csv.by_ref()) {
@@ -156,14 +128,13 @@ fn every_command_tells_the_same_numbers() {
 
     // Status: the last record, in every format, and the state that replay prints at the end.
     let last = records.last().unwrap();
-    let (status, _) = tirante(folder.path(), &["status", "--store", &told, "--format", "json"]);
-    let status: Value = serde_json::from_str(&status).unwrap();
+    let status = run(&format!("status --store {told} --format json")).only();
     assert_eq!(status["relative_force"], last["relative_force_at_reference"]);
     assert_eq!(status["force_n"], last["force_at_reference_n"]);
     assert_eq!(status["state"], last["state"]);
     assert_eq!(status["latest_record"], last["start"]);
     assert_eq!(status["records"], 360);
-    let (shown, _) = tirante(folder.path(), &["status", "--store", &told]);
+    let shown = run(&format!("status --store {told}")).out;
     let [mean, low, high] =
         ["/mean", "/q025", "/q975"].map(|which| number(&last["relative_force_at_reference"], which));
     let [force, least, most] =
@@ -192,13 +163,7 @@ fn every_command_tells_the_same_numbers() {
     }
 
     // The one drift alarm, under one id.
-    let (alarms, _) = tirante(
-        folder.path(),
-        &[
-            "history", "--store", &told, "--what", "alarms", "--format", "json",
-        ],
-    );
-    let alarms = objects(&alarms);
+    let alarms = run(&format!("history --store {told} --what alarms --format json")).lines();
     assert_eq!(alarms.len(), 1, "{alarms:?}");
     let (id, kind) = (
         alarms[0]["id"].as_str().unwrap(),

@@ -2,12 +2,12 @@
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use crate::archive::*;
+use crate::program::{ROOT, program, tirante};
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};
 use tirante::command::history::{self, What};
 use tirante::command::which_store::Format;
-use tirante::site::record_row::RecordRow;
 use tirante::site::store::{Durability, Filter, Reader, Store};
 
 const WHAT: [(What, &str); 4] = [
@@ -168,44 +168,16 @@ fn csv_as_python_reads_it_says_what_json_says() {
 #[test]
 fn csv_of_a_replay_says_what_the_replay_printed() {
     let folder = tempfile::tempdir().unwrap();
-    let run = |words: &[&str]| {
-        let recording = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/todi-pull.mcap");
-        let words = words
-            .iter()
-            .map(|word| if *word == "RECORDING" { recording } else { *word });
-        let mut program = assert_cmd::Command::cargo_bin("tirante").unwrap();
-        let program = program
-            .current_dir(folder.path())
-            .env("TIRANTE_CACHE_DIR", folder.path());
-        stdout(program.args(words).output().unwrap())
-    };
-    let json = run(&["replay", "RECORDING", "--format", "json", "--store", "site.db"]);
-    assert_eq!(run(&["history", "--store", "site.db", "--format", "json"]), json);
-    let csv = run(&["history", "--store", "site.db", "--format", "csv"]);
+    let recording = Path::new(ROOT).join("recordings/todi-pull.mcap");
+    let run = |line: &str| tirante(&folder, line).done();
+    let json = run(&format!(
+        "replay {} --format json --store site.db",
+        recording.display()
+    ));
+    assert_eq!(run("history --store site.db --format json"), json);
+    let csv = run("history --store site.db --format csv");
     if let Some(compared) = compare(folder.path(), &csv, &json) {
         assert!(compared > 25, "only {compared} cells compared");
-    }
-}
-
-/// The rows include alarms, refusals and candidates.
-#[test]
-fn every_printed_line_is_a_row_that_reads_back_to_the_byte() {
-    let folder = tempfile::tempdir().unwrap();
-    for (recording, config) in [("todi-pull", "todi"), ("campaign-2025", "campaign")] {
-        let mut program = assert_cmd::Command::cargo_bin("tirante").unwrap();
-        let output = program
-            .current_dir(env!("CARGO_MANIFEST_DIR"))
-            .env("TIRANTE_CACHE_DIR", folder.path())
-            .args(["replay", "--format", "json"])
-            .arg(format!("recordings/{recording}.mcap"))
-            .args(["--config", &format!("config/{config}.toml")])
-            .output()
-            .unwrap();
-        let lines = String::from_utf8(output.stdout).unwrap();
-        assert!(!lines.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
-        for line in lines.lines() {
-            assert_eq!(RecordRow::parse(line).unwrap().to_json().unwrap(), line);
-        }
     }
 }
 
@@ -315,9 +287,8 @@ mod parquet_file {
 fn mcap_has_every_force_every_mode_and_every_alarm() {
     let folder = tempfile::tempdir().unwrap();
     let reader = filled(&folder.path().join("site.db"));
-    let output = Command::new(env!("CARGO_BIN_EXE_tirante"))
+    let output = program(&folder)
         .args(["history", "--store", "site.db", "--format", "mcap"])
-        .current_dir(folder.path())
         .output()
         .unwrap();
     assert!(

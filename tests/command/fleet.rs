@@ -1,6 +1,7 @@
 //! An archive of several sites as a job array: killed, run again, collected; and analysed again without samples.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
+use crate::program::{Said, tirante, words};
 use crate::site::*;
 use rand::RngExt;
 use rusqlite::Connection;
@@ -8,7 +9,7 @@ use rusqlite::types::Value;
 use serde_json::Value as Json;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::thread;
 use std::time::Duration;
 use tirante::analysis::numerics::random;
@@ -49,41 +50,35 @@ fn replayed(site: &Site, name: &str, config: &str, store: &str) -> String {
     if name == "badia" {
         paths.push("archive/badia/week-2.mcap".to_owned());
     }
-    let words = ["replay", "--config", config, "--store", store];
-    let paths: Vec<&str> = paths.iter().map(String::as_str).collect();
-    let output = site.run(&[&words[..], &paths].concat());
-    assert!(matches!(output.status.code(), Some(0 | 3)), "{}", said(&output));
+    let replay = format!(
+        "replay --config '{config}' --store {store} '{}'",
+        paths.join("' '")
+    );
+    let said = tirante(&site.folder, &replay);
+    assert!(matches!(said.code, Some(0 | 3)), "{said:?}");
     site.dump(store)
 }
 
-fn said(output: &Output) -> String {
-    text(&output.stdout) + &text(&output.stderr)
-}
-
-fn planned(site: &Site, words: &[&str], plan: &str) -> Vec<Json> {
-    let output = site.run(&[&["fleet", "plan", "--out", plan], words].concat());
-    assert!(output.status.success(), "{}", said(&output));
+fn planned(site: &Site, line: &str, plan: &str) -> Vec<Json> {
+    tirante(&site.folder, &format!("fleet plan --out {plan} {line}")).done();
     lines(&fs::read(site.path(plan)).unwrap())
 }
 
 /// Runs the array of a scheduler, two at once, by its own file.
-fn array(site: &Site, scheduler: &str, plan: &str, results: &str) -> Output {
+fn array(site: &Site, scheduler: &str, plan: &str, results: &str) -> Said {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/fleet/array.sh");
     let results = site.path(results);
-    Command::new("bash")
+    let mut command = Command::new("bash");
+    command
         .arg(script)
-        .args([
-            scheduler,
-            site.path(plan).to_str().unwrap(),
-            results.to_str().unwrap(),
-            "2",
-        ])
+        .arg(scheduler)
+        .args([site.path(plan), results])
+        .arg("2")
         .current_dir(site.folder.path())
         .env("TIRANTE", env!("CARGO_BIN_EXE_tirante"))
         .env("TIRANTE_CACHE_DIR", env!("CARGO_TARGET_TMPDIR"))
-        .stdin(Stdio::null())
-        .output()
-        .unwrap()
+        .stdin(Stdio::null());
+    Said::of(scheduler, &mut command)
 }
 
 fn result(task: &Json, results: &str) -> String {
@@ -122,7 +117,7 @@ fn rows(connection: &Connection, table: &str, site: Option<&str>) -> Vec<Vec<Val
 #[test]
 fn an_array_killed_at_random_ends_row_by_row_in_what_replays_write() {
     let site = fleet();
-    let tasks = planned(&site, &["archive", "--configs", "configs"], "plan.jsonl");
+    let tasks = planned(&site, "archive --configs configs", "plan.jsonl");
     assert_eq!(tasks.len(), 3);
     assert_eq!(tasks[0]["site"], "badia", "the costliest comes first");
     let files = tasks[0]["files"].as_array().unwrap();
@@ -140,19 +135,9 @@ fn an_array_killed_at_random_ends_row_by_row_in_what_replays_write() {
         let count = 1 + kill % 2;
         let mut children = Vec::new();
         for child in 0..count {
-            let index = ((kill / 2 + child) % 3).to_string();
-            let words = [
-                "fleet",
-                "task",
-                "plan.jsonl",
-                "--out",
-                "results",
-                "--index",
-                &index,
-                "--threads",
-                "1",
-            ];
-            let mut command = site.command(&words);
+            let index = (kill / 2 + child) % 3;
+            let line = format!("fleet task plan.jsonl --out results --index {index} --threads 1");
+            let mut command = site.command(&words(&line).collect::<Vec<_>>());
             children.push(
                 command
                     .stdout(Stdio::null())
@@ -172,8 +157,7 @@ fn an_array_killed_at_random_ends_row_by_row_in_what_replays_write() {
     // What a copy under way leaves where a machine ends.
     let place = site.path(&result(&tasks[1], "results"));
     fs::write(place.with_file_name(".torn.part"), b"half").unwrap();
-    let output = array(&site, "slurm", "plan.jsonl", "results");
-    assert!(output.status.success(), "{}", said(&output));
+    array(&site, "slurm", "plan.jsonl", "results").done();
 
     for (number, task) in tasks.iter().enumerate() {
         let name = task["site"].as_str().unwrap();
@@ -196,13 +180,8 @@ fn an_array_killed_at_random_ends_row_by_row_in_what_replays_write() {
                 .unwrap()
         })
         .collect();
-    let output = array(&site, "slurm", "plan.jsonl", "results");
-    assert_eq!(
-        text(&output.stdout).matches("is there already").count(),
-        3,
-        "{}",
-        said(&output)
-    );
+    let again = array(&site, "slurm", "plan.jsonl", "results");
+    assert_eq!(again.out.matches("is there already").count(), 3, "{again:?}");
     for (task, before) in tasks.iter().zip(before) {
         let now = fs::metadata(site.path(&result(task, "results")))
             .unwrap()
@@ -212,8 +191,7 @@ fn an_array_killed_at_random_ends_row_by_row_in_what_replays_write() {
 
     // The other schedulers' files, from nothing: the same bytes.
     for scheduler in ["kubernetes", "aws"] {
-        let output = array(&site, scheduler, "plan.jsonl", scheduler);
-        assert!(output.status.success(), "{}", said(&output));
+        array(&site, scheduler, "plan.jsonl", scheduler).done();
         for task in &tasks {
             let bytes = |results: &str| fs::read(site.path(&result(task, results))).unwrap();
             assert!(bytes(scheduler) == bytes("results"), "{scheduler}: {task}");
@@ -221,37 +199,20 @@ fn an_array_killed_at_random_ends_row_by_row_in_what_replays_write() {
     }
 
     // One result is gone: it is named, the others are collected.
-    let collect = [
-        "fleet",
-        "collect",
-        "plan.jsonl",
-        "--results",
-        "aws",
-        "--out",
-        "fleet.db",
-    ];
     fs::remove_file(site.path(&result(&tasks[2], "aws"))).unwrap();
-    let output = site.run(&collect);
-    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
     let name = tasks[2]["site"].as_str().unwrap();
-    let missing = text(&output.stderr);
-    assert!(
-        missing.contains(&format!("missing: task 2, site {name}: ")),
-        "{missing}"
-    );
-    assert!(missing.contains("--index 2"), "{missing}");
+    tirante(
+        &site.folder,
+        "fleet collect plan.jsonl --results aws --out fleet.db",
+    )
+    .ends(3)
+    .says(&[&format!("missing: task 2, site {name}: "), "--index 2"]);
 
-    let collect = [
-        "fleet",
-        "collect",
-        "plan.jsonl",
-        "--results",
-        "results",
-        "--out",
-        "fleet.db",
-    ];
-    let output = site.run(&collect);
-    assert!(output.status.success(), "{}", said(&output));
+    tirante(
+        &site.folder,
+        "fleet collect plan.jsonl --results results --out fleet.db",
+    )
+    .done();
     let many = Connection::open(site.path("fleet.db")).unwrap();
     for (number, task) in tasks.iter().enumerate() {
         let one = Connection::open(site.path(&format!("whole-{number}.db"))).unwrap();
@@ -286,14 +247,14 @@ fn the_index_is_that_of_the_one_scheduler_there_is() {
     fs::copy(site.path("site.toml"), site.path("configs/a.toml")).unwrap();
     fs::create_dir_all(site.path("archive/a")).unwrap();
     site.simulate("a/week", &Part::new(0, 1));
-    planned(&site, &["archive", "--configs", "configs"], "plan.jsonl");
+    planned(&site, "archive --configs configs", "plan.jsonl");
     let run = |set: &[(&str, &str)]| {
         let mut command = site.command(&["fleet", "task", "plan.jsonl", "--out", "results"]);
         for name in INDICES {
             command.env_remove(name);
         }
-        let output = command.envs(set.iter().copied()).output().unwrap();
-        (output.status.code().unwrap(), said(&output))
+        let said = Said::of("fleet task", command.envs(set.iter().copied()));
+        (said.code.unwrap(), said.all())
     };
     for name in INDICES {
         // An index beyond the plan names itself: it was read.
@@ -324,74 +285,56 @@ fn what_does_not_fit_is_refused_with_site_file_and_next_step() {
     }
     site.simulate("a/week", &Part::new(0, 2));
     fs::copy(site.path("archive/a/week.mcap"), site.path("archive/stray.mcap")).unwrap();
-    let words = [
-        "fleet",
-        "plan",
-        "archive",
-        "--configs",
-        "configs",
-        "--out",
-        "plan.jsonl",
-    ];
-    let output = site.run(&words);
-    let why = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{why}");
-    for wanted in [
+    tirante(
+        &site.folder,
+        "fleet plan archive --configs configs --out plan.jsonl",
+    )
+    .ends(2)
+    .says(&[
         "site lonely: archive/lonely has no configuration configs/lonely.toml",
         "site gone: configs/gone.toml has no folder archive/gone",
         "site empty: archive/empty: no recordings (*.mcap) in it",
         "archive/stray.mcap: lies beside the sites' folders",
-    ] {
-        assert!(why.contains(wanted), "no {wanted:?} in\n{why}");
-    }
+    ]);
     assert!(!site.path("plan.jsonl").exists());
 
-    planned(
-        &site,
-        &["archive", "--configs", "configs", "--site", "a"],
-        "plan.jsonl",
-    );
-    let task = |more: &[&str]| {
-        let words = ["fleet", "task", "plan.jsonl", "--index", "0", "--out", "results"];
-        let output = site.run(&[&words[..], more].concat());
-        (output.status.code().unwrap(), said(&output))
+    planned(&site, "archive --configs configs --site a", "plan.jsonl");
+    let task = |more: &str| {
+        let line = format!("fleet task plan.jsonl --index 0 --out results {more}");
+        tirante(&site.folder, &line)
     };
     // Out of reach: another attempt may find it.
-    let (code, why) = task(&["--archive", "elsewhere"]);
-    assert!(
-        code == 1 && why.contains("site a: elsewhere/a/week.mcap") && why.contains("--archive"),
-        "{why}"
-    );
+    task("--archive elsewhere")
+        .ends(1)
+        .says(&["site a: elsewhere/a/week.mcap", "--archive"]);
     // Changed: another attempt does not help.
     let path = site.path("archive/a/week.mcap");
     let good = fs::read(&path).unwrap();
     let mut longer = good.clone();
     longer.push(0);
     fs::write(&path, &longer).unwrap();
-    let (code, why) = task(&[]);
-    assert!(
-        code == 2 && why.contains("week.mcap changed since the plan") && why.contains("plan again"),
-        "{why}"
-    );
+    task("")
+        .ends(2)
+        .says(&["week.mcap changed since the plan", "plan again"]);
     fs::write(&path, &good).unwrap();
     let config = site.path("configs/a.toml");
     let text_before = fs::read_to_string(&config).unwrap();
     fs::write(&config, text_before.replace("cv = 0.2 }", "cv = 0.3 }")).unwrap();
-    let (code, why) = task(&[]);
-    assert!(code == 2 && why.contains("configs/a.toml changed"), "{why}");
+    task("").ends(2).says(&["configs/a.toml changed"]);
     fs::write(&config, text_before).unwrap();
-    assert_eq!(task(&[]).0, 0);
+    task("").done();
     let cut = fs::read(site.path("plan.jsonl")).unwrap();
     fs::write(site.path("plan.jsonl"), &cut[..cut.len() / 2]).unwrap();
-    let (code, why) = task(&[]);
-    assert!(code == 2 && why.contains("cut short"), "{why}");
+    task("").ends(2).says(&["cut short"]);
 }
 
-/// The configuration with a band of its own for each rod, and another text in the place of one.
-fn banded(change: (&str, &str)) -> String {
+/// The configuration with a band of its own for each rod, and other texts in the place of some.
+fn banded(changes: &[(&str, &str)]) -> String {
     let banded = SITE.replace("[rod.priors]", "[rod.modes]\nband_hz = [3.0, 45.0]\n[rod.priors]");
-    assert!(banded.contains(change.0));
-    banded.replace(change.0, change.1)
+    changes.iter().fold(banded, |text, (from, to)| {
+        assert!(text.contains(from));
+        text.replace(from, to)
+    })
 }
 
 /// Tables of a dump without the pictures.
@@ -409,25 +352,21 @@ fn without_pictures(dump: &str) -> String {
 #[test]
 fn another_prior_needs_no_samples_and_gives_what_a_whole_replay_gives() {
     let site = campaign();
-    fs::write(site.path("old.toml"), banded(("seed = 11", "seed = 11"))).unwrap();
-    let replay = |config: &str, store: &str, from: &[&str]| {
-        let words = ["replay", "--json", "--config", config, "--store", store];
-        site.run(&[&words[..], from].concat())
+    fs::write(site.path("old.toml"), banded(&[])).unwrap();
+    let replay = |config: &str, store: &str, from: &str| {
+        let line = format!("replay --json --config {config} --store {store} {from}");
+        tirante(&site.folder, &line)
     };
-    let first = replay("old.toml", "old.db", &["archive"]);
-    assert_eq!(first.status.code(), Some(3), "{}", said(&first));
+    let first = replay("old.toml", "old.db", "archive").ends(3).out;
     for (number, change) in [
-        (
-            "axial_force_n = { mean = 150e3, cv = 0.2 }",
-            "axial_force_n = { mean = 120e3, cv = 0.4 }",
-        ),
+        &[("mean = 150e3, cv = 0.2", "mean = 120e3, cv = 0.4")][..],
         // Hardly any record keeps its labels: other refusals, other pictures.
-        (
-            "axial_force_n = { mean = 150e3, cv = 0.2 }",
-            "axial_force_n = { mean = 60e3, cv = 0.05 }",
-        ),
-        ("baseline_records = 10", "baseline_records = 7"),
-        ("seed = 11", "seed = 12"),
+        &[("mean = 150e3, cv = 0.2", "mean = 60e3, cv = 0.05")],
+        // Another baseline, and other draws.
+        &[
+            ("baseline_records = 10", "baseline_records = 7"),
+            ("seed = 11", "seed = 12"),
+        ],
     ]
     .into_iter()
     .enumerate()
@@ -438,27 +377,26 @@ fn another_prior_needs_no_samples_and_gives_what_a_whole_replay_gives() {
             format!("{number}-again.db"),
         );
         fs::write(site.path(&config), banded(change)).unwrap();
-        let full = replay(&config, &whole, &["archive"]);
-        let quick = replay(&config, &again, &["--from-store", "old.db"]);
-        assert!(matches!(quick.status.code(), Some(0 | 3)), "{}", said(&quick));
-        assert!(full.stdout == quick.stdout, "{change:?}");
-        assert!(full.stdout != first.stdout, "{change:?}");
+        let full = replay(&config, &whole, "archive").out;
+        let quick = replay(&config, &again, "--from-store old.db");
+        assert!(matches!(quick.code, Some(0 | 3)), "{}", quick.err);
+        assert!(full == quick.out && full != first, "{change:?}");
         assert_equal_dumps(
             &without_pictures(&site.dump(&whole)),
             &without_pictures(&site.dump(&again)),
         );
         // What came without samples can be analysed without samples again.
         let back = format!("{number}-back.db");
-        let third = replay("old.toml", &back, &["--from-store", &again]);
-        assert!(third.stdout == first.stdout, "{change:?}: {}", said(&third));
+        let third = replay("old.toml", &back, &format!("--from-store {again}"));
+        assert!(third.out == first, "{change:?}: {}", third.err);
     }
     // The same configuration: the pictures are those of the recordings, too.
-    let same = replay("old.toml", "same.db", &["--from-store", "old.db"]);
-    assert!(same.stdout == first.stdout);
+    let same = replay("old.toml", "same.db", "--from-store old.db");
+    assert!(same.out == first);
     assert_equal_dumps(&site.dump("old.db"), &site.dump("same.db"));
     // Once more into the same store: nothing is new.
-    let none = replay("old.toml", "same.db", &["--from-store", "old.db"]);
-    assert!(none.stdout.is_empty(), "{}", said(&none));
+    let none = replay("old.toml", "same.db", "--from-store old.db");
+    assert!(none.out.is_empty(), "{none:?}");
     assert_equal_dumps(&site.dump("old.db"), &site.dump("same.db"));
 }
 
@@ -470,19 +408,12 @@ fn what_needs_samples_is_refused_by_name() {
     assert_eq!(code, 0);
     let refused = |config: &str| {
         fs::write(site.path("new.toml"), config).unwrap();
-        let words = [
-            "replay",
-            "--config",
-            "new.toml",
-            "--store",
-            "new.db",
-            "--from-store",
-            "old.db",
-        ];
-        let output = site.run(&words);
-        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+        let said = tirante(
+            &site.folder,
+            "replay --config new.toml --store new.db --from-store old.db",
+        );
         assert!(!site.path("new.db").exists());
-        text(&output.stderr)
+        said.ends(2).err
     };
     let other_prior = SITE.replacen("mean = 150e3, cv = 0.2", "mean = 120e3, cv = 0.4", 1);
     let why = refused(&other_prior);
@@ -510,25 +441,20 @@ fn what_needs_samples_is_refused_by_name() {
     let stated = why.split('`').nth(1).unwrap();
     let widened = other_prior.replacen("[rod.priors]", &format!("[rod.modes]\n{stated}\n[rod.priors]"), 1);
     fs::write(site.path("new.toml"), widened).unwrap();
-    let into = |store: &str, from: &[&str]| {
-        let words = ["replay", "--json", "--config", "new.toml", "--store", store];
-        site.run(&[&words[..], from].concat()).stdout
+    let into = |store: &str, from: &str| {
+        let line = format!("replay --json --config new.toml --store {store} {from}");
+        tirante(&site.folder, &line).out
     };
-    let quick = into("quick.db", &["--from-store", "old.db"]);
-    assert!(!quick.is_empty() && quick == into("full.db", &["archive"]));
+    let quick = into("quick.db", "--from-store old.db");
+    assert!(!quick.is_empty() && quick == into("full.db", "archive"));
 
     // Into itself, and a store that has none.
-    let output = site.run(&[
-        "replay",
-        "--config",
-        "site.toml",
-        "--store",
-        "old.db",
-        "--from-store",
-        "old.db",
-    ]);
-    assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("the same store"));
+    tirante(
+        &site.folder,
+        "replay --config site.toml --store old.db --from-store old.db",
+    )
+    .ends(2)
+    .says(&["the same store"]);
     Connection::open(site.path("old.db"))
         .unwrap()
         .execute("DELETE FROM resonance WHERE number = 3", ())
@@ -545,25 +471,16 @@ fn an_array_over_stores_gives_what_an_array_over_recordings_gives() {
     }
     for name in ["a", "b"] {
         site.simulate(&format!("{name}/week"), &Part::new(0, 6));
-        fs::write(
-            site.path(&format!("configs/{name}.toml")),
-            banded(("seed = 11", "seed = 11")),
-        )
-        .unwrap();
-        let changed = banded(("mean = 150e3, cv = 0.2", "mean = 130e3, cv = 0.3"));
+        fs::write(site.path(&format!("configs/{name}.toml")), banded(&[])).unwrap();
+        let changed = banded(&[("mean = 150e3, cv = 0.2", "mean = 130e3, cv = 0.3")]);
         fs::write(site.path(&format!("new/{name}.toml")), changed).unwrap();
     }
-    planned(&site, &["archive", "--configs", "configs"], "old.jsonl");
-    assert!(array(&site, "slurm", "old.jsonl", "old").status.success());
-    let full = planned(&site, &["archive", "--configs", "new"], "full.jsonl");
-    assert!(array(&site, "slurm", "full.jsonl", "full").status.success());
-    let again = planned(
-        &site,
-        &["old", "--from-stores", "--configs", "new"],
-        "again.jsonl",
-    );
-    let output = array(&site, "slurm", "again.jsonl", "again");
-    assert!(output.status.success(), "{}", said(&output));
+    planned(&site, "archive --configs configs", "old.jsonl");
+    array(&site, "slurm", "old.jsonl", "old").done();
+    let full = planned(&site, "archive --configs new", "full.jsonl");
+    array(&site, "slurm", "full.jsonl", "full").done();
+    let again = planned(&site, "old --from-stores --configs new", "again.jsonl");
+    array(&site, "slurm", "again.jsonl", "again").done();
     for (full, again) in full.iter().zip(&again) {
         assert_eq!(
             (&full["site"], &again["input"]),
@@ -579,11 +496,10 @@ fn an_array_over_stores_gives_what_an_array_over_recordings_gives() {
     let planned = site.path(&format!("old/{}", again[0]["files"][0]["path"].as_str().unwrap()));
     let log = PathBuf::from(format!("{}-wal", planned.display()));
     fs::write(&log, "commits").unwrap();
-    let output = array(&site, "slurm", "again.jsonl", "late");
+    let late = array(&site, "slurm", "again.jsonl", "late");
     assert!(
-        !output.status.success() && said(&output).contains("write-ahead log"),
-        "{}",
-        said(&output)
+        late.code != Some(0) && late.all().contains("write-ahead log"),
+        "{late:?}"
     );
     assert!(!site.path(&result(&again[0], "late")).exists());
 }
@@ -645,43 +561,23 @@ fn efficiency() {
         (begun.elapsed().as_secs_f64(), children_s() - before_s)
     };
     let (plan_s, _) = timed(&|| {
-        planned(&site, &["archive", "--configs", "configs"], "plan.jsonl");
+        planned(&site, "archive --configs configs", "plan.jsonl");
     });
     let alone = timed(&|| {
         for index in 0..sites {
-            let index = index.to_string();
-            let words = [
-                "fleet",
-                "task",
-                "plan.jsonl",
-                "--out",
-                "alone",
-                "--index",
-                &index,
-                "--threads",
-                "1",
-            ];
-            assert!(site.run(&words).status.success());
+            let line = format!("fleet task plan.jsonl --out alone --index {index} --threads 1");
+            tirante(&site.folder, &line).done();
         }
     });
-    let both = timed(&|| assert!(array(&site, "slurm", "plan.jsonl", "both").status.success()));
-    planned(
-        &site,
-        &["both", "--from-stores", "--configs", "new"],
-        "again.jsonl",
-    );
-    let again = timed(&|| assert!(array(&site, "slurm", "again.jsonl", "again").status.success()));
+    let both = timed(&|| drop(array(&site, "slurm", "plan.jsonl", "both").done()));
+    planned(&site, "both --from-stores --configs new", "again.jsonl");
+    let again = timed(&|| drop(array(&site, "slurm", "again.jsonl", "again").done()));
     let (collect_s, collect_cpu_s) = timed(&|| {
-        let words = [
-            "fleet",
-            "collect",
-            "plan.jsonl",
-            "--results",
-            "both",
-            "--out",
-            "fleet.db",
-        ];
-        assert!(site.run(&words).status.success());
+        tirante(
+            &site.folder,
+            "fleet collect plan.jsonl --results both --out fleet.db",
+        )
+        .done();
     });
     let all = (2 * sites * records) as f64;
     let each = |folder: &str| size_of(&site.path(folder)) as f64 / all;

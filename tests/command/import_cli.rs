@@ -1,25 +1,10 @@
 //! `tirante import` as users run it: exit codes, printed lines, and their use by `check` and `replay`.
 
-#![allow(clippy::unwrap_used)] // helpers of tests are tests
-
-use assert_cmd::Command;
+use crate::program::tirante;
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
-
-fn tirante(folder: &Path) -> Command {
-    let mut command = Command::cargo_bin("tirante").expect("the program is built");
-    command
-        .current_dir(folder)
-        .env("TIRANTE_CACHE_DIR", folder)
-        .env_remove("TIRANTE_LOG");
-    command
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8(bytes.to_vec()).expect("UTF-8")
-}
 
 fn root(path: &str) -> std::path::PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
@@ -38,12 +23,18 @@ fn as_table(to: &Path) {
     fs::write(to, table).unwrap();
 }
 
-const TABLE: [&str; 5] = [
-    "import",
-    "todi.csv",
-    "--decimal-comma",
-    "--channel",
-    "Weg=/todi/displacement",
+const TABLE: &str = "import todi.csv --decimal-comma --channel Weg=/todi/displacement";
+
+/// Fields of a record's line that a file in another format has, too.
+const SAME: [&str; 8] = [
+    "rod",
+    "start",
+    "duration_s",
+    "fs_hz",
+    "modes",
+    "axial_force_n",
+    "seed",
+    "accepted",
 ];
 
 #[test]
@@ -51,13 +42,7 @@ fn an_imported_table_gives_the_same_force_as_the_recording_it_was() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     as_table(&at.join("todi.csv"));
-    let output = tirante(at)
-        .args(TABLE)
-        .args(["--out", "todi.mcap"])
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let snippet = text(&output.stdout);
+    let snippet = tirante(at, &format!("{TABLE} --out todi.mcap")).done();
     assert!(
         snippet.contains("6500 samples at 100 Hz from") && snippet.contains("stamps exactly even"),
         "{snippet}"
@@ -77,45 +62,20 @@ fn an_imported_table_gives_the_same_force_as_the_recording_it_was() {
         format!("{before}{snippet}\n[record]{after}\n"),
     )
     .unwrap();
-    let check = tirante(at)
-        .args(["check", "--quiet", "todi.toml"])
-        .output()
-        .unwrap();
-    assert!(check.status.success(), "{}", text(&check.stderr));
+    tirante(at, "check --quiet todi.toml").done();
 
-    let line = |arguments: [&str; 2]| {
-        let output = tirante(at)
-            .args(["replay", "--json"])
-            .args(arguments)
-            .output()
-            .unwrap();
-        assert!(output.status.success(), "{}", text(&output.stderr));
-        let line: Value = serde_json::from_slice(&output.stdout).unwrap();
-        line
-    };
-    let imported = line(["todi.mcap", "--config=todi.toml"]);
-    let shipped = root("recordings/todi-pull.mcap");
-    let shipped = line([shipped.to_str().unwrap(), "--threads=1"]);
-    for field in [
-        "rod",
-        "start",
-        "duration_s",
-        "fs_hz",
-        "modes",
-        "axial_force_n",
-        "seed",
-        "accepted",
-    ] {
+    let line = |words: &str| tirante(at, &format!("replay --json {words}")).only();
+    let imported = line("todi.mcap --config=todi.toml");
+    let shipped = line(&format!(
+        "{} --threads=1",
+        root("recordings/todi-pull.mcap").display()
+    ));
+    for field in SAME {
         assert_eq!(imported[field], shipped[field], "{field}");
     }
 
     // The configuration that reads it is content with it, and one in another unit is not.
-    let again = tirante(at)
-        .args(TABLE)
-        .args(["--config", "todi.toml", "--out", "again.mcap"])
-        .output()
-        .unwrap();
-    assert!(again.status.success(), "{}", text(&again.stderr));
+    tirante(at, &format!("{TABLE} --config todi.toml --out again.mcap")).done();
     assert_eq!(
         fs::read(at.join("again.mcap")).unwrap(),
         fs::read(at.join("todi.mcap")).unwrap()
@@ -126,17 +86,9 @@ fn an_imported_table_gives_the_same_force_as_the_recording_it_was() {
         metres.replace("unit = \"m\"", "unit = \"mm\""),
     )
     .unwrap();
-    let refused = tirante(at)
-        .args(TABLE)
-        .args(["--config", "mm.toml", "--out", "mm.mcap"])
-        .output()
-        .unwrap();
-    assert_eq!(refused.status.code(), Some(2));
-    assert!(
-        text(&refused.stderr).contains("is in m, but the configuration reads"),
-        "{}",
-        text(&refused.stderr)
-    );
+    tirante(at, &format!("{TABLE} --config mm.toml --out mm.mcap"))
+        .ends(2)
+        .says(&["is in m, but the configuration reads"]);
     assert!(!at.join("mm.mcap").exists());
 }
 
@@ -146,39 +98,17 @@ fn what_is_there_is_not_overwritten_and_what_is_no_file_not_read() {
     let at = folder.path();
     fs::write(at.join("a.csv"), "t,d [mm]\n0,1.5\n0.5,2.5\n").unwrap();
     fs::write(at.join("a.mcap"), "mine").unwrap();
-    let import = [
-        "import",
-        "a.csv",
-        "--start",
-        "2026-03-01T06:00:00Z",
-        "--out",
-        "a.mcap",
-    ];
-    let output = tirante(at).args(import).output().unwrap();
-    assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("--force"));
+    let import = "import a.csv --start 2026-03-01T06:00:00Z --out a.mcap";
+    tirante(at, import).ends(2).says(&["--force"]);
     assert_eq!(fs::read(at.join("a.mcap")).unwrap(), b"mine");
-    assert!(
-        tirante(at)
-            .args(import)
-            .arg("--force")
-            .output()
-            .unwrap()
-            .status
-            .success()
-    );
+    tirante(at, &format!("{import} --force")).done();
     assert!(fs::read(at.join("a.mcap")).unwrap().starts_with(b"\x89MCAP"));
 
-    let folder = tirante(at)
-        .args(["import", ".", "--input-format", "csv"])
-        .output()
-        .unwrap();
-    assert_eq!(folder.status.code(), Some(1));
-    assert!(text(&folder.stderr).contains("not a regular file"));
+    tirante(at, "import . --input-format csv")
+        .ends(1)
+        .says(&["not a regular file"]);
     fs::write(at.join("a.bin"), b"\0\x01").unwrap();
-    let unknown = tirante(at).args(["import", "a.bin"]).output().unwrap();
-    assert_eq!(unknown.status.code(), Some(2));
-    assert!(text(&unknown.stderr).contains("--input-format"));
+    tirante(at, "import a.bin").ends(2).says(&["--input-format"]);
 }
 
 #[test]
@@ -186,20 +116,9 @@ fn damage_is_named_with_file_line_and_column_and_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     fs::write(at.join("a.csv"), "t,d [mm]\n0,1.5\n0.5,2.5\n1.0,broken\n").unwrap();
-    let output = tirante(at)
-        .args([
-            "import",
-            "a.csv",
-            "--start",
-            "2026-03-01T06:00:00Z",
-            "--out",
-            "a.mcap",
-        ])
-        .output()
-        .unwrap();
-    assert_eq!(output.status.code(), Some(1));
+    let said = tirante(at, "import a.csv --start 2026-03-01T06:00:00Z --out a.mcap").ends(1);
     assert_eq!(
-        text(&output.stderr),
+        said.err,
         "error: a.csv: line 4, column 2 (d): \"broken\" is no number; --channel chooses columns\n"
     );
     assert_eq!(fs::read_dir(at).unwrap().count(), 1);
@@ -209,9 +128,7 @@ fn damage_is_named_with_file_line_and_column_and_leaves_nothing() {
 fn without_out_it_shows_what_is_there_and_what_is_missing() {
     let folder = tempfile::tempdir().unwrap();
     let path = root("tests/fixtures/import/whole.wav");
-    let output = tirante(folder.path()).arg("import").arg(path).output().unwrap();
-    assert!(output.status.success());
-    let shown = text(&output.stdout);
+    let shown = tirante(&folder, &format!("import {}", path.display())).done();
     assert!(
         shown.contains("32 samples, unit not said (--unit), 2000 Hz, start not said (--start)"),
         "{shown}"
@@ -312,53 +229,35 @@ fn every_format_gives_the_force_of_the_recording_as_it_is() {
     let at = folder.path();
     let (values, first_ns) = shipped();
     let config = root("config/todi.toml");
-    let recording = root("recordings/todi-pull.mcap");
-    let identify = |file: &str, flags: &[&str]| {
-        let output = tirante(at)
-            .args(["identify", "--json", file, "--config", config.to_str().unwrap()])
-            .args(flags)
-            .output()
-            .unwrap();
-        assert!(output.status.success(), "{file}: {}", text(&output.stderr));
-        let line: Value = serde_json::from_slice(&output.stdout).unwrap();
-        (line, text(&output.stderr))
+    let identify = |file: &str, flags: &str| {
+        tirante(
+            at,
+            &format!("identify --json {file} --config {} {flags}", config.display()),
+        )
     };
-    let (expected, _) = identify(recording.to_str().unwrap(), &[]);
+    let expected = identify(root("recordings/todi-pull.mcap").to_str().unwrap(), "").only();
     // The record begins later, at the onset of its decay.
-    let start = tirante::analysis::signal::record::Timestamp::from_nanos(first_ns as i64).to_string();
+    let start = tirante::analysis::signal::record::Timestamp::from_nanos(first_ns as i64);
+    let start = format!("--start {start}");
     assert!(expected["axial_force_n"]["mean"].as_f64().unwrap() > 0.0);
     for (name, bytes, flags) in [
-        ("pull.lvm", as_lvm(&values), vec!["--start", &start]),
-        ("pull.tdms", as_tdms(&values, first_ns), vec![]),
+        ("pull.lvm", as_lvm(&values), start.clone()),
+        ("pull.tdms", as_tdms(&values, first_ns), String::new()),
         // Its extension does not match its format.
-        ("pull.dat", as_tdms(&values, first_ns), vec![]),
+        ("pull.dat", as_tdms(&values, first_ns), String::new()),
         (
             "pull.npy",
             as_array(&values),
-            vec!["--start", &start, "--rate", "100", "--channel", "[:,1]"],
+            format!("{start} --rate 100 --channel [:,1]"),
         ),
-        (
-            "pull.wav",
-            as_sound(&values),
-            vec!["--start", &start, "--full-scale", "1"],
-        ),
-        ("pull.csv", as_semicolons(&values), vec!["--start", &start]),
+        ("pull.wav", as_sound(&values), format!("{start} --full-scale 1")),
+        ("pull.csv", as_semicolons(&values), start.clone()),
     ] {
         fs::write(at.join(name), bytes).unwrap();
-        let (found, said) = identify(name, &flags);
-        for field in [
-            "rod",
-            "start",
-            "duration_s",
-            "fs_hz",
-            "modes",
-            "axial_force_n",
-            "seed",
-            "accepted",
-        ] {
+        let found = identify(name, &flags).says(&["/todi/displacement of rod"]).only();
+        for field in SAME {
             assert_eq!(found[field], expected[field], "{name}: {field}");
         }
-        assert!(said.contains("/todi/displacement of rod"), "{name}: {said}");
         fs::remove_file(at.join(name)).unwrap();
         let left: Vec<_> = fs::read_dir(at)
             .unwrap()
@@ -376,8 +275,7 @@ fn every_format_gives_the_force_of_the_recording_as_it_is() {
 fn a_file_that_cannot_be_told_says_what_it_holds_and_what_to_add() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let config = root("config/todi.toml");
-    let config = config.to_str().unwrap();
+    fs::copy(root("config/todi.toml"), at.join("todi.toml")).unwrap();
     let rows = |row: &dyn Fn(usize) -> String| (0..40).map(row).collect::<String>();
     let sine = |index: usize| (index as f64 * 0.7).sin();
     let files = [
@@ -421,92 +319,60 @@ fn a_file_that_cannot_be_told_says_what_it_holds_and_what_to_add() {
     for (name, text) in &files {
         fs::write(at.join(name), text).unwrap();
     }
-    let said = |arguments: &[&str]| {
-        let output = tirante(at).args(arguments).output().unwrap();
-        let code = if arguments[0] == "import" { 2 } else { 1 };
-        assert_eq!(
-            output.status.code(),
-            Some(code),
-            "{arguments:?}: {}",
-            text(&output.stderr)
-        );
-        assert!(output.stdout.is_empty());
-        text(&output.stderr)
+    let said = |line: &str| {
+        let said = tirante(at, line).ends(if line.starts_with("import") { 2 } else { 1 });
+        assert!(said.out.is_empty());
+        said
     };
-    for (arguments, parts) in [
+    for (line, parts) in [
+        ("identify mm.csv --config todi.toml", &["is in mm", "in m:"][..]),
         (
-            vec!["identify", "mm.csv", "--config", config],
-            vec!["is in mm", "in m:"],
+            "identify two.csv --config todi.toml",
+            &["2 \"a\" (40 samples, m", "3 \"b\"", "--channel"],
         ),
         (
-            vec!["identify", "two.csv", "--config", config],
-            vec!["2 \"a\" (40 samples, m", "3 \"b\"", "--channel"],
-        ),
-        (
-            vec!["identify", "good.csv"],
-            vec![
+            "identify good.csv",
+            &[
                 "without --config the rod is not known",
                 "tirante measure",
                 "2 \"d\" (40 samples, m",
             ],
         ),
         (
-            vec!["identify", "good.csv", "--channel", "d"],
-            vec!["without --config the rod is not known"],
+            "identify good.csv --channel d",
+            &["without --config the rod is not known"],
         ),
         (
-            vec!["identify", "none.csv", "--config", config, "--rate", "100"],
-            vec!["column", "50 Hz", "100 Hz"],
+            "identify none.csv --config todi.toml --rate 100",
+            &["column", "50 Hz", "100 Hz"],
         ),
         (
-            vec![
-                "identify",
-                "none.csv",
-                "--config",
-                config,
-                "--rate",
-                "100",
-                "--channel",
-                "d",
-            ],
-            vec!["50 Hz", "100 Hz"],
+            "identify none.csv --config todi.toml --rate 100 --channel d",
+            &["50 Hz", "100 Hz"],
         ),
         (
-            vec!["identify", "good.csv", "--config", config, "--rate", "50"],
-            vec!["100 Hz by the file, 50 Hz by --rate"],
+            "identify good.csv --config todi.toml --rate 50",
+            &["100 Hz by the file, 50 Hz by --rate"],
         ),
         (
-            vec![
-                "import",
-                "uneven.csv",
-                "--start",
-                "2026-03-01T06:00:00Z",
-                "--out",
-                "x.mcap",
-            ],
-            vec!["uneven", "--resample"],
+            "import uneven.csv --start 2026-03-01T06:00:00Z --out x.mcap",
+            &["uneven", "--resample"],
         ),
-        (vec!["replay", "good.csv", "--config", config], vec!["--start"]),
+        ("replay good.csv --config todi.toml", &["--start"]),
         (
-            vec!["identify", "image.bin", "--config", config],
-            vec!["no format that is read", "TDMS"],
+            "identify image.bin --config todi.toml",
+            &["no format that is read", "TDMS"],
         ),
     ] {
-        let said = said(&arguments);
-        for part in parts {
-            assert!(said.contains(part), "{arguments:?}: {said}");
-        }
+        let said = said(line).says(parts).err;
         assert!(
             !said.contains("copy the file again") && !said.contains("--time none"),
             "{said}"
         );
     }
     let recording = root("recordings/todi-pull.mcap");
-    let flags = said(&["identify", recording.to_str().unwrap(), "--rate", "100"]);
-    assert!(
-        flags.contains("is a recording, which says all of itself"),
-        "{flags}"
-    );
+    said(&format!("identify {} --rate 100", recording.display()))
+        .says(&["is a recording, which says all of itself"]);
 }
 
 #[test]
@@ -517,38 +383,19 @@ fn replay_takes_files_of_other_programs_in_the_order_of_their_times() {
     // The later one is named first, and sorts first by its name.
     fs::write(at.join("a.tdms"), as_tdms(&values, first_ns + 3_600_000_000_000)).unwrap();
     fs::write(at.join("b.tdms"), as_tdms(&values, first_ns)).unwrap();
-    let config = root("config/todi.toml");
-    let replay = |more: &[&str]| {
-        let output = tirante(at)
-            .args([
-                "replay",
-                "--json",
-                "a.tdms",
-                "b.tdms",
-                "--config",
-                config.to_str().unwrap(),
-            ])
-            .args(more)
-            .output()
-            .unwrap();
-        (output.status.code(), text(&output.stdout), text(&output.stderr))
-    };
-    let (code, lines, said) = replay(&[]);
-    assert_eq!(code, Some(0), "{said}");
-    let starts: Vec<String> = lines
+    fs::copy(root("config/todi.toml"), at.join("todi.toml")).unwrap();
+    let replay = "replay --json a.tdms b.tdms --config todi.toml";
+    let starts: Vec<String> = tirante(at, replay)
+        .ends(0)
         .lines()
-        .map(|line| {
-            serde_json::from_str::<Value>(line).unwrap()["start"]
-                .as_str()
-                .unwrap()
-                .to_owned()
-        })
+        .iter()
+        .map(|line| line["start"].as_str().unwrap().to_owned())
         .collect();
     assert_eq!(starts.len(), 2);
     assert!(starts[0] < starts[1], "{starts:?}");
-    let (code, _, said) = replay(&["--start", "2026-03-01T06:00:00Z"]);
-    assert_eq!(code, Some(2));
-    assert!(said.contains("one by one"), "{said}");
+    tirante(at, &format!("{replay} --start 2026-03-01T06:00:00Z"))
+        .ends(2)
+        .says(&["one by one"]);
 }
 
 #[test]
@@ -566,21 +413,11 @@ fn a_configuration_is_written_from_a_table() {
         .unwrap();
     }
     fs::write(at.join("laser.csv"), table).unwrap();
-    let output = tirante(at)
-        .args([
-            "init",
-            "laser.csv",
-            "--out",
-            "site.toml",
-            "--length-m",
-            "9.5",
-            "--diameter-m",
-            "0.045",
-        ])
-        .args(["--material", "steel"])
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
+    tirante(
+        at,
+        "init laser.csv --out site.toml --length-m 9.5 --diameter-m 0.045 --material steel",
+    )
+    .done();
     let config = fs::read_to_string(at.join("site.toml")).unwrap();
     for part in ["\"laser\"", "\"um\"", "200.0"] {
         assert!(config.contains(part), "{part}: {config}");
@@ -602,18 +439,14 @@ fn moving(head: &str, row: impl Fn(usize, f64) -> Option<String>) -> String {
 }
 
 /// `spectrum --format json` of a table: its lines and the messages.
-fn spectrum(table: &str, more: &[&str]) -> (Vec<Value>, String) {
+fn spectrum(table: &str, more: &str) -> (Vec<Value>, String) {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("a.csv"), table).unwrap();
-    let arguments = ["spectrum", "a.csv", "--format", "json", "--plot", "never"];
-    let output = tirante(folder.path())
-        .args(arguments)
-        .args(more)
-        .output()
-        .unwrap();
-    let lines = text(&output.stdout);
-    let lines = lines.lines().map(|line| serde_json::from_str(line).unwrap());
-    (lines.collect(), text(&output.stderr))
+    let said = tirante(
+        &folder,
+        &format!("spectrum a.csv --format json --plot never {more}"),
+    );
+    (said.lines(), said.err)
 }
 
 /// Samples filled in the first record.
@@ -629,7 +462,7 @@ fn rows_lost_from_a_table_are_missing_samples_of_its_rate() {
         (!is_lost).then(|| format!("{:.6},{value}", 1_772_345_000.0 + index as f64 / 100.0))
     });
     let lost = (0..12_000).filter(|i| i % 97 == 50 || i % 401 == 7).count() as u64;
-    let (lines, said) = spectrum(&table, &[]);
+    let (lines, said) = spectrum(&table, "");
     let shown = format!("{lines:?} {said}");
     assert_eq!(lines.len(), 1, "{shown}");
     assert!(
@@ -637,7 +470,7 @@ fn rows_lost_from_a_table_are_missing_samples_of_its_rate() {
         "{shown}"
     );
     assert_eq!(filled(&lines), Some(lost), "{shown}");
-    let (lines, said) = spectrum(&table, &["--resample", "100"]);
+    let (lines, said) = spectrum(&table, "--resample 100");
     let shown = format!("{lines:?} {said}");
     assert_eq!(filled(&lines), Some(lost), "{shown}");
     assert!(
@@ -652,13 +485,13 @@ fn days_of_a_spreadsheet_are_read_and_bad_stamps_left_out() {
         Some(format!("{:.10},{value}", 46_082.25 + index as f64 / 8_640_000.0))
     });
     for more in [
-        &[][..],
-        &["--time-unit", "d"],
-        &["--time", "none", "--rate", "100"],
-        &["--time", "none", "--rate", "100", "--channel", "2"],
+        "",
+        "--time-unit d",
+        "--time none --rate 100",
+        "--time none --rate 100 --channel 2",
     ] {
         let (lines, said) = spectrum(&table, more);
-        let shown = format!("{more:?} {lines:?} {said}");
+        let shown = format!("{more} {lines:?} {said}");
         assert_eq!(lines.len(), 1, "{shown}");
         assert!(
             (lines[0]["fs_hz"].as_f64().unwrap() - 100.0).abs() < 1e-3,
@@ -666,7 +499,7 @@ fn days_of_a_spreadsheet_are_read_and_bad_stamps_left_out() {
         );
         assert_eq!(
             shown.contains("2026-03-01T06:00:00"),
-            more.first() != Some(&"--time"),
+            !more.starts_with("--time "),
             "{shown}"
         );
     }
@@ -674,9 +507,9 @@ fn days_of_a_spreadsheet_are_read_and_bad_stamps_left_out() {
     let table = moving("time [s],d [mm]", |index, value| {
         Some(format!("{:.1},{value}", (index / 10) as f64 / 10.0))
     });
-    let (_, said) = spectrum(&table, &[]);
+    let (_, said) = spectrum(&table, "");
     assert!(said.contains("--time none --rate HZ"), "{said}");
-    let (lines, said) = spectrum(&table, &["--time", "none", "--rate", "100"]);
+    let (lines, said) = spectrum(&table, "--time none --rate 100");
     assert_eq!(lines.len(), 1, "{lines:?} {said}");
     assert!(said.contains("left out: channel 1 (time)"), "{said}");
 }

@@ -3,6 +3,8 @@
 
 #[path = "../harness/archive/mod.rs"]
 mod archive;
+#[path = "../harness/program/mod.rs"]
+mod program;
 #[path = "../harness/site/mod.rs"]
 mod site;
 

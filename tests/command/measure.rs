@@ -1,41 +1,18 @@
 //! `tirante measure` as users run it: one file to a force with its marks, a configuration and a report;
 //! questions on a terminal; messages of common errors at first contact.
-#![allow(clippy::unwrap_used)] // helpers of tests are tests
-
-use assert_cmd::Command;
+use crate::program::{ROOT, Said, tirante};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The axial force simulated in `recordings/aisle.mcap` \[N\] (config/aisle.toml).
 const TRUTH_N: f64 = 140e3;
-const AISLE: [&str; 6] = ["--length", "9.5", "--section", "d45", "--material", "iron"];
-const PULL: [&str; 6] = ["--length", "14", "--section", "s71.5", "--material", "iron"];
+const RECORDING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/aisle.mcap");
+const AISLE: &str = "--length 9.5 --section d45 --material iron";
 
-fn shipped(name: &str) -> String {
-    format!("{}/recordings/{name}", env!("CARGO_MANIFEST_DIR"))
-}
-
-/// Exit code, stdout and stderr of the program in `folder`, without answers to questions.
-fn tirante(folder: &Path, words: &[&str]) -> (Option<i32>, String, String) {
-    let output = Command::cargo_bin("tirante")
-        .unwrap()
-        .current_dir(folder)
-        .env(
-            "TIRANTE_CACHE_DIR",
-            std::env::temp_dir().join("tirante-test-measure"),
-        )
-        .env_remove("TIRANTE_LOG")
-        .args(words)
-        .output()
-        .unwrap();
-    let text = |bytes| String::from_utf8(bytes).unwrap();
-    (output.status.code(), text(output.stdout), text(output.stderr))
-}
-
-fn measure(folder: &Path, file: &str, flags: &[&str]) -> (Option<i32>, String, String) {
-    let words: Vec<&str> = ["measure", file].iter().chain(flags).copied().collect();
-    tirante(folder, &words)
+/// Measures the rod of the shipped recording, or another file as one of it.
+fn measure(folder: &Path, file: &str, flags: &str) -> Said {
+    tirante(folder, &format!("measure {file} {AISLE} {flags}"))
 }
 
 fn read(folder: &Path, name: &str) -> String {
@@ -46,10 +23,7 @@ fn read(folder: &Path, name: &str) -> String {
 fn the_first_command_of_the_readme_measures_a_rod() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let recording = shipped("aisle.mcap");
-    let flags: Vec<&str> = AISLE.iter().copied().chain(["--plot", "always"]).collect();
-    let (code, out, err) = measure(at, &recording, &flags);
-    assert_eq!(code, Some(0), "{err}");
+    let Said { out, err, .. } = measure(at, RECORDING, "--plot always").ends(0);
     for wanted in [
         "9.5 m long, round, diameter 45 mm, wrought iron",
         "ambient vibration",
@@ -72,10 +46,8 @@ fn the_first_command_of_the_readme_measures_a_rod() {
     );
 
     // The configuration is used unchanged, and contains the measurement's facts.
-    assert_eq!(tirante(at, &["check", "--quiet", "aisle.toml"]).0, Some(0));
-    let (code, line, err) = tirante(at, &["identify", &recording, "--config", "aisle.toml", "--json"]);
-    assert_eq!(code, Some(0), "{err}");
-    let line: Value = serde_json::from_str(&line).unwrap();
+    tirante(at, "check --quiet aisle.toml").done();
+    let line = tirante(at, &format!("identify {RECORDING} --config aisle.toml --json")).only();
     let force = &line["axial_force_n"];
     assert!(
         force["q025"].as_f64().unwrap() < TRUTH_N && TRUTH_N < force["q975"].as_f64().unwrap(),
@@ -107,28 +79,22 @@ fn the_first_command_of_the_readme_measures_a_rod() {
     );
 
     // A configuration is never overwritten, and the refusal comes before any question.
-    let (code, _, err) = measure(at, &recording, &[]);
-    assert_eq!(code, Some(2));
-    assert!(
-        err.contains("aisle.toml: exists") && err.contains("tirante identify"),
-        "{err}"
-    );
+    tirante(at, &format!("measure {RECORDING}"))
+        .ends(2)
+        .says(&["aisle.toml: exists", "tirante identify"]);
 }
 
 /// The output in the README below its first command equals the command's output.
 #[test]
 fn the_readme_shows_what_its_first_command_prints() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let readme = fs::read_to_string(root.join("README.md")).unwrap();
+    let readme = fs::read_to_string(Path::new(ROOT).join("README.md")).unwrap();
     let (_, rest) = readme.split_once("cargo run -- ").unwrap();
     let (command, rest) = rest.split_once('\n').unwrap();
     let (_, rest) = rest.split_once("```text\n").unwrap();
     let (shown, _) = rest.split_once("```").unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let mut words: Vec<&str> = command.split(' ').collect();
-    words.extend(["--plot", "always", "--out", folder.path().to_str().unwrap()]);
-    let (code, out, err) = tirante(root, &words);
-    assert_eq!(code, Some(0), "{err}");
+    let line = format!("{command} --plot always --out {}", folder.path().display());
+    let out = tirante(ROOT, &line).done();
     assert!(shown.lines().count() > 20, "{shown}");
     for line in shown.lines().filter(|line| *line != "...") {
         assert!(
@@ -142,35 +108,19 @@ fn the_readme_shows_what_its_first_command_prints() {
 #[test]
 fn a_force_that_is_hardly_told_has_its_mark() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    let rod = ["--length", "19.09", "--section", "s227.7", "--material", "iron"];
-    let words: Vec<&str> = ["init", "--out", "bar.toml", "--id", "bar", "--fs-hz", "100"]
-        .into_iter()
-        .chain(["--topic", "bar", "--field", "x", "--unit", "m"])
-        .chain(rod)
-        .collect();
-    let (code, _, err) = tirante(at, &words);
-    assert_eq!(code, Some(0), "{err}");
-    let identify = |more: &[&str]| {
-        let words = [
-            "identify",
-            "--config",
-            "bar.toml",
-            "--sd",
-            "0.001",
-            "--frequencies",
-            "2.438,7.544,15.540",
-        ];
-        let (code, out, err) = tirante(at, &[&words[..], more].concat());
-        assert_eq!(code, Some(0), "{err}");
-        out
+    let rod = "--length 19.09 --section s227.7 --material iron";
+    let place = "--fs-hz 100 --topic bar --field x --unit m";
+    tirante(&folder, &format!("init --out bar.toml --id bar {place} {rod}")).done();
+    let identify = |more: &str| {
+        let line = "identify --config bar.toml --sd 0.001 --frequencies 2.438,7.544,15.540";
+        tirante(&folder, &format!("{line} {more}"))
     };
-    let said = identify(&[]);
+    let said = identify("").done();
     assert!(
         said.contains("\n  ? the interval spans more than a factor of ten"),
         "{said}"
     );
-    let line: Value = serde_json::from_str(&identify(&["--json"])).unwrap();
+    let line = identify("--json").only();
     let end = |key: &str| line["axial_force_n"][key].as_f64().unwrap();
     assert!(end("q975") > 10.0 * end("q025"), "{line}");
 }
@@ -178,16 +128,13 @@ fn a_force_that_is_hardly_told_has_its_mark() {
 #[test]
 fn json_is_the_record_line_and_the_same_twice() {
     let folder = tempfile::tempdir().unwrap();
-    let recording = shipped("aisle.mcap");
     let lines = |out: &str| {
-        let flags: Vec<&str> = AISLE
-            .iter()
-            .copied()
-            .chain(["--json", "--id", "aisle-1", "--out", out])
-            .collect();
-        let (code, line, err) = measure(folder.path(), &recording, &flags);
-        assert_eq!(code, Some(0), "{err}");
-        line
+        measure(
+            folder.path(),
+            RECORDING,
+            &format!("--json --id aisle-1 --out {out}"),
+        )
+        .done()
     };
     let one = lines("a");
     assert_eq!(one, lines("b"));
@@ -206,19 +153,16 @@ fn json_is_the_record_line_and_the_same_twice() {
 fn a_force_in_doubt_bears_its_mark_and_orders_in_doubt_give_none() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let recording = shipped("todi-pull.mcap");
-    let flags: Vec<&str> = PULL.iter().copied().chain(["--force", "600 kN"]).collect();
-    let (code, out, err) = measure(at, &recording, &flags);
-    assert_eq!(code, Some(0), "{err}");
+    let pull =
+        format!("measure {ROOT}/recordings/todi-pull.mcap --length 14 --section s71.5 --material iron");
+    let out = tirante(at, &format!("{pull} --force '600 kN'")).done();
     assert!(
         out.contains("\n  ! axial force ") && out.contains("! model and data disagree"),
         "{out}"
     );
     assert!(read(at, "todi-pull.html").contains("<p class=\"note\" role=\"note\">Model and data disagree"));
 
-    let flags: Vec<&str> = PULL.iter().copied().chain(["--out", "unknown"]).collect();
-    let (code, out, err) = measure(at, &recording, &flags);
-    assert_eq!(code, Some(3), "{err}");
+    let out = tirante(at, &format!("{pull} --out unknown")).ends(3).out;
     assert!(!out.contains("axial force"), "{out}");
     assert!(
         out.contains("rejected (no-label)") && out.contains("probability"),
@@ -226,7 +170,7 @@ fn a_force_in_doubt_bears_its_mark_and_orders_in_doubt_give_none() {
     );
     // To be corrected and tried again, as the refusal advises.
     assert!(at.join("unknown/todi-pull.toml").exists() && at.join("unknown/todi-pull.html").exists());
-    let again: Vec<&str> = flags.iter().copied().chain(["--force", "600 kN"]).collect();
+    let again = || tirante(at, &format!("{pull} --out unknown --force '600 kN'"));
     let unknown = read(at, "unknown/todi-pull.toml");
     // Corrected by hand it is nobody's to replace, nor is another's report.
     fs::write(
@@ -234,19 +178,13 @@ fn a_force_in_doubt_bears_its_mark_and_orders_in_doubt_give_none() {
         unknown.replacen("length_m = 14.0", "length_m = 14.1", 1),
     )
     .unwrap();
-    let (code, _, err) = measure(at, &recording, &again);
-    assert!(
-        code == Some(2) && err.contains("exists, and is not overwritten"),
-        "{err}"
-    );
+    again().ends(2).says(&["exists, and is not overwritten"]);
     fs::write(at.join("unknown/todi-pull.toml"), &unknown).unwrap();
-    let (code, out, err) = measure(at, &recording, &again);
-    assert!(code == Some(0) && out.contains("! axial force "), "{err}");
+    assert!(again().done().contains("! axial force "));
     assert!(read(at, "unknown/todi-pull.toml").contains("axial_force_n = { mean = 600000.0"));
     assert!(read(at, "unknown/todi-pull.html").contains("class=\"headline\""));
     // Now it gave a force.
-    let (code, _, err) = measure(at, &recording, &again);
-    assert!(code == Some(2) && err.contains("tirante identify"), "{err}");
+    again().ends(2).says(&["tirante identify"]);
 }
 
 #[test]
@@ -254,8 +192,7 @@ fn another_file_of_the_reports_name_is_not_lost() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     fs::write(at.join("aisle.html"), "precious").unwrap();
-    let (code, _, err) = measure(at, &shipped("aisle.mcap"), &AISLE);
-    assert!(code == Some(2) && err.contains("aisle.html: exists"), "{err}");
+    measure(at, RECORDING, "").ends(2).says(&["aisle.html: exists"]);
     assert_eq!(read(at, "aisle.html"), "precious");
     assert!(!at.join("aisle.toml").exists());
 }
@@ -264,9 +201,8 @@ fn another_file_of_the_reports_name_is_not_lost() {
 #[test]
 fn a_rod_without_a_force_says_what_to_check() {
     let folder = tempfile::tempdir().unwrap();
-    let flags = ["--length", "9.5", "--section", "d500", "--material", "steel"];
-    let (code, out, _) = measure(folder.path(), &shipped("aisle.mcap"), &flags);
-    assert_eq!(code, Some(3), "{out}");
+    let line = format!("measure {RECORDING} --length 9.5 --section d500 --material steel");
+    let out = tirante(&folder, &line).ends(3).out;
     assert!(
         out.contains("no-label") && out.contains("Check length, section and material"),
         "{out}"
@@ -291,7 +227,6 @@ fn a_rod_without_a_force_says_what_to_check() {
 fn what_is_not_said_is_named_by_its_flags_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let recording = shipped("aisle.mcap");
     let mut array = b"\x93NUMPY\x01\x00\x46\x00".to_vec();
     array.extend(
         format!(
@@ -308,45 +243,33 @@ fn what_is_not_said_is_named_by_its_flags_and_nothing_is_written() {
     )
     .unwrap();
     for (file, flags, code, wanted) in [
+        (RECORDING, "", 2, "--length, --section and --material are needed"),
+        (RECORDING, "--length 9.5 --section d45", 2, "--material is needed"),
         (
-            recording.as_str(),
-            &[][..],
-            2,
-            "--length, --section and --material are needed",
-        ),
-        (
-            &recording,
-            &["--length", "9.5", "--section", "d45"],
-            2,
-            "--material is needed",
-        ),
-        (
-            &recording,
-            &["--section", "40 mm", "--length", "3", "--material", "iron"],
+            RECORDING,
+            "--section '40 mm' --length 3 --material iron",
             2,
             "--section 'd 40 mm'",
         ),
-        (&recording, &["--length", "9500"], 2, "9500 mm, or 9500 m"),
-        (&recording, &["--section", "40 kg"], 2, "is no unit of length"),
-        (&recording, &["--force", "20"], 2, "20 kN, or 20 N"),
+        (RECORDING, "--length 9500", 2, "9500 mm, or 9500 m"),
+        (RECORDING, "--section '40 kg'", 2, "is no unit of length"),
+        (RECORDING, "--force 20", 2, "20 kN, or 20 N"),
         (
             "bare.npy",
-            &AISLE,
+            AISLE,
             2,
             "--rate, or --time with the column of the stamps, is needed",
         ),
         (
             "two.csv",
-            &AISLE,
+            AISLE,
             2,
             "--topic is needed (topic of the samples, one of North, South)",
         ),
-        ("nothing.csv", &AISLE, 1, "nothing.csv"),
+        ("nothing.csv", AISLE, 1, "nothing.csv"),
     ] {
-        let (found, out, err) = measure(at, file, flags);
-        assert_eq!(found, Some(code), "{file} {flags:?}: {err}");
-        assert!(err.contains(wanted), "{file} {flags:?}: {err}");
-        assert!(out.is_empty(), "{out}");
+        let refused = tirante(at, &format!("measure {file} {flags}"));
+        assert!(refused.ends(code).says(&[wanted]).out.is_empty());
     }
     let mut left: Vec<PathBuf> = fs::read_dir(at)
         .unwrap()
@@ -395,16 +318,8 @@ sys.exit(running.wait())
     let folder = tempfile::tempdir().unwrap();
     let play = |out: &str, answers: &[&str]| {
         let output = std::process::Command::new("python3")
-            .env(
-                "TIRANTE_CACHE_DIR",
-                std::env::temp_dir().join("tirante-test-measure"),
-            )
-            .args([
-                "-c",
-                script,
-                env!("CARGO_BIN_EXE_tirante"),
-                &shipped("aisle.mcap"),
-            ])
+            .env("TIRANTE_CACHE_DIR", env!("CARGO_TARGET_TMPDIR"))
+            .args(["-c", script, env!("CARGO_BIN_EXE_tirante"), RECORDING])
             .arg(folder.path().join(out))
             .args(answers)
             .output()
@@ -442,21 +357,13 @@ sys.exit(running.wait())
 fn a_rod_measured_once_has_its_force_first_in_status_and_report() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let recording = shipped("aisle.mcap");
-    assert_eq!(measure(at, &recording, &AISLE).0, Some(0));
-    let replay = [
-        "replay",
-        &recording,
-        "--config",
-        "aisle.toml",
-        "--store",
-        "site.db",
-        "--report",
-        "site.html",
-    ];
-    let (code, _, err) = tirante(at, &replay);
-    assert_eq!(code, Some(0), "{err}");
-    let (_, table, _) = tirante(at, &["status", "--store", "site.db"]);
+    measure(at, RECORDING, "").done();
+    tirante(
+        at,
+        &format!("replay {RECORDING} --config aisle.toml --store site.db --report site.html"),
+    )
+    .done();
+    let table = tirante(at, "status --store site.db").out;
     let lines: Vec<&str> = table.lines().collect();
     assert!(
         lines[2].contains("learning") && lines[2].contains("14") && lines[2].contains(" to "),
@@ -470,8 +377,7 @@ fn a_rod_measured_once_has_its_force_first_in_status_and_report() {
         lines[4].contains("learning: baseline 1 of 30 records, charts 0 of 30 periods"),
         "{table}"
     );
-    let (_, json, _) = tirante(at, &["status", "--store", "site.db", "--format", "json"]);
-    let status: Value = serde_json::from_str(&json).unwrap();
+    let status = tirante(at, "status --store site.db --format json").only();
     assert!(status["force_n"].is_null());
     assert_eq!(status["doubts"], serde_json::json!([]));
     assert_eq!(status["learning_takes"]["records"], 30);
@@ -484,10 +390,12 @@ fn a_rod_measured_once_has_its_force_first_in_status_and_report() {
 fn other_programs_files_are_measured_as_they_are() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let (code, rows, err) = tirante(at, &["spectrum", &shipped("aisle.mcap"), "--json"]);
-    assert_eq!(code, Some(0), "{err}");
-    assert!(!rows.is_empty());
-    let samples = samples(&shipped("aisle.mcap"));
+    assert!(
+        !tirante(at, &format!("spectrum {RECORDING} --json"))
+            .done()
+            .is_empty()
+    );
+    let samples = samples(RECORDING);
     let table = |unit: &str, decimal: char| {
         let rows = samples.iter().enumerate().map(|(i, value)| {
             let row = format!("{:.2};{:.6};{}", i as f64 / 100.0, 1e3 * value, i % 7);
@@ -499,8 +407,7 @@ fn other_programs_files_are_measured_as_they_are() {
         )
     };
     fs::write(at.join("comma.csv"), table("mm", ',')).unwrap();
-    let (code, out, err) = measure(at, "comma.csv", &AISLE);
-    assert_eq!(code, Some(0), "{err}");
+    let out = measure(at, "comma.csv", "").done();
     assert!(out.contains("axial force 14"), "{out}");
     assert!(read(at, "comma.toml").contains("topic = \"Laser\""));
     assert!(
@@ -513,13 +420,10 @@ fn other_programs_files_are_measured_as_they_are() {
         .map(|value| format!("{value:e}\n"))
         .collect::<String>();
     fs::write(at.join("bare.txt"), single).unwrap();
-    let flags: Vec<&str> = AISLE.iter().copied().chain(["--rate", "100"]).collect();
-    let (code, out, err) = measure(at, "bare.txt", &flags);
-    assert_eq!(code, Some(0), "{err}");
-    assert!(
-        out.contains("axial force 14") && err.contains("does not say its unit"),
-        "{out}{err}"
-    );
+    let out = measure(at, "bare.txt", "--rate 100")
+        .says(&["does not say its unit"])
+        .done();
+    assert!(out.contains("axial force 14"), "{out}");
 }
 
 /// The samples of the shipped record \[m\].
@@ -553,21 +457,19 @@ fn messages_name_cause_and_remedy() {
     let field = field.split("[simulation]").next().unwrap();
     assert!(field.contains("\"nothing\""));
     fs::write(at.join("field.toml"), field).unwrap();
-    let pull = shipped("todi-pull.mcap");
-    let aisle = shipped("aisle.mcap");
-    for (words, wanted, unwanted) in [
+    for (line, wanted, unwanted) in [
         (
-            &["replay", "laser.csv"][..],
+            "replay laser.csv".to_owned(),
             &["tirante measure", "tirante import", "--config"][..],
             "recorder",
         ),
         (
-            &["replay", "laser.mcap"],
+            "replay laser.mcap".to_owned(),
             &["is no recording, but a text table", "tirante import"],
             "recorder",
         ),
         (
-            &["replay", &aisle],
+            format!("replay {RECORDING}"),
             &[
                 "no topic /todi/displacement",
                 "built-in rod of the paper",
@@ -576,22 +478,19 @@ fn messages_name_cause_and_remedy() {
             "100 %",
         ),
         (
-            &["replay", &pull, "--config", "field.toml"],
+            format!("replay {ROOT}/recordings/todi-pull.mcap --config field.toml"),
             &["no field `nothing`; there is: value"],
             "at most 0.0 %",
         ),
         (
-            &["measure", "commas.csv"],
+            "measure commas.csv".to_owned(),
             &["--decimal-comma", "--delimiter"],
             "panic",
         ),
     ] {
-        let (code, out, err) = tirante(at, words);
-        assert_ne!(code, Some(0), "{words:?}");
-        for wanted in wanted {
-            assert!(err.contains(wanted), "{words:?}: no {wanted:?} in {err}");
-        }
-        assert!(!(out.clone() + &err).contains(unwanted), "{words:?}: {out}{err}");
+        let said = tirante(at, &line).says(wanted);
+        assert_ne!(said.code, Some(0), "{line}");
+        assert!(!said.all().contains(unwanted), "{line}: {}", said.all());
     }
 }
 
@@ -605,17 +504,10 @@ fn a_time_column_without_a_unit_is_asked_for_its_unit() {
         .map(|i| format!("{},{:.6}\n", 5 * i, motion(i)))
         .collect();
     fs::write(at.join("laser.csv"), format!("time,disp [mm]\n{rows}")).unwrap();
-    let (code, _, err) = measure(at, "laser.csv", &AISLE);
-    assert_eq!(code, Some(2), "{err}");
-    assert!(
-        err.contains("--time-unit is needed") && err.contains("ms: 200 Hz"),
-        "{err}"
-    );
-    let (code, _, err) = tirante(at, &["spectrum", "laser.csv"]);
-    assert!(code == Some(1) && err.contains("--time-unit"), "{code:?}: {err}");
-    let (_, out, err) = measure(at, "laser.csv", &[&AISLE[..], &["--time-unit", "ms"]].concat());
-    assert!(
-        out.contains("at 200.00 Hz") || err.contains("at 200.00 Hz"),
-        "{out}{err}"
-    );
+    measure(at, "laser.csv", "")
+        .ends(2)
+        .says(&["--time-unit is needed", "ms: 200 Hz"]);
+    tirante(at, "spectrum laser.csv").ends(1).says(&["--time-unit"]);
+    let said = measure(at, "laser.csv", "--time-unit ms").all();
+    assert!(said.contains("at 200.00 Hz"), "{said}");
 }

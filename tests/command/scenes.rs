@@ -2,7 +2,7 @@
 //! archive of sites, a centre. They run with a root and a loopback of their own (bubblewrap), so that paths and ports stand as printed.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
-use crate::examples::{FACTS, FOLLOWED, finished, quiet, surroundings};
+use crate::examples::{FACTS, FOLLOWED, finished, quiet, replace_recording, surroundings};
 use crate::site::*;
 use std::fs;
 use std::path::Path;
@@ -166,28 +166,17 @@ fn sent(at: &Path, example: &str) -> String {
     let config = if example.contains("campaign-2025") {
         "config/daemon.toml"
     } else {
-        let played = match example.contains("recordings/todi-pull.mcap") {
-            true => "recordings/todi-pull.mcap",
-            false => {
-                // It is played as fast as it was measured: some seconds.
-                let long = fs::read_to_string(at.join("laser.csv")).unwrap();
-                let short: Vec<&str> = long.lines().take(800).collect();
-                fs::write(at.join("short.csv"), short.join("\n")).unwrap();
-                let words = [
-                    "import",
-                    "short.csv",
-                    "--channel",
-                    "Laser=/laser",
-                    "--out",
-                    "short.mcap",
-                ];
-                quiet(at, &words);
-                for name in ["day.mcap", "recording.mcap"] {
-                    fs::copy(at.join("short.mcap"), at.join(name)).unwrap();
-                }
-                "short.mcap"
-            }
-        };
+        // It is played as fast as it was measured: some seconds.
+        let long = fs::read_to_string(at.join("laser.csv")).unwrap();
+        let short: Vec<&str> = long.lines().take(800).collect();
+        fs::write(at.join("short.csv"), short.join("\n")).unwrap();
+        let import = "import short.csv --channel Laser=/laser --out short.mcap";
+        quiet(at, &import.split(' ').collect::<Vec<_>>());
+        for name in ["day.mcap", "recording.mcap"] {
+            fs::copy(at.join("short.mcap"), at.join(name)).unwrap();
+        }
+        replace_recording(at, "todi-pull.mcap", &at.join("short.mcap"));
+        let played = "short.mcap";
         let words = ["init", played, "--out", "sent.toml", "--length", "14"];
         quiet(
             at,

@@ -1,47 +1,26 @@
 //! `tirante spectrum` as users run it, and the output for records without a force.
-#![allow(clippy::unwrap_used)] // helpers of tests are tests
-
+use crate::program::{ROOT, tirante};
 use serde_json::Value as Json;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
 use tempfile::TempDir;
-
-const PULL: &str = "recordings/todi-pull.mcap";
 
 /// The frequencies of the shipped recording \[Hz\] (config/todi.toml).
 const TODI_HZ: [f64; 3] = [4.492, 9.288, 13.252];
 
+const PULL: &str = "spectrum recordings/todi-pull.mcap";
+const TODI: &str = "--config config/todi.toml";
+
 /// Configuration under which the shipped recording has only one mode, which is not enough for a force.
-const ONE_MODE: [&str; 2] = ["--set", "modes.masks=[{low_hz=6,high_hz=1000}]"];
-
-fn tirante(cache: &TempDir, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_tirante"))
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .env("TIRANTE_CACHE_DIR", cache.path())
-        .env_remove("TIRANTE_LOG")
-        .args(arguments)
-        .output()
-        .unwrap()
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8(bytes.to_vec()).expect("UTF-8")
-}
-
-fn said(output: &Output) -> String {
-    text(&output.stdout) + &text(&output.stderr)
-}
+const ONE_MODE: &str = "--set modes.masks=[{low_hz=6,high_hz=1000}]";
 
 fn path(folder: &TempDir, name: &str) -> String {
     folder.path().join(name).to_str().unwrap().to_owned()
 }
 
-fn json(output: &Output) -> Vec<Json> {
-    text(&output.stdout)
-        .lines()
-        .map(|line| serde_json::from_str(line).unwrap())
-        .collect()
+/// The only JSON line of a look at a recording, with further flags.
+fn look(more: &str) -> Json {
+    tirante(ROOT, &format!("{PULL} --json {more}")).only()
 }
 
 fn is_drawn(text: &str) -> bool {
@@ -63,10 +42,7 @@ fn peaks(line: &Json) -> Vec<(f64, String)> {
 
 #[test]
 fn a_recording_shows_its_peaks_without_rod_or_configuration() {
-    let cache = tempfile::tempdir().unwrap();
-    let output = tirante(&cache, &["spectrum", PULL, "--plot", "always"]);
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    let table = text(&output.stdout);
+    let table = tirante(ROOT, &format!("{PULL} --plot always")).done();
     assert!(table.lines().all(|line| line.chars().count() <= 80), "{table}");
     assert!(is_drawn(&table));
     for wanted in [
@@ -78,16 +54,12 @@ fn a_recording_shows_its_peaks_without_rod_or_configuration() {
     ] {
         assert!(table.contains(wanted), "no {wanted} in\n{table}");
     }
-    let piped = tirante(&cache, &["spectrum", PULL]);
-    assert!(!is_drawn(&text(&piped.stdout)));
+    assert!(!is_drawn(&tirante(ROOT, PULL).done()));
 }
 
 #[test]
 fn json_says_the_same_and_a_band_narrows_it() {
-    let cache = tempfile::tempdir().unwrap();
-    let looks = json(&tirante(&cache, &["spectrum", PULL, "--json"]));
-    assert_eq!(looks.len(), 1);
-    let look = &looks[0];
+    let look = look("");
     for field in [
         "file",
         "channel",
@@ -122,8 +94,7 @@ fn json_says_the_same_and_a_band_narrows_it() {
         assert!((f - wanted).abs() < 5.0 * sd && sd < 0.02, "{peak}");
         assert_eq!(peak["taken_for"], "candidate", "{peak}");
     }
-    let low = json(&tirante(&cache, &["spectrum", PULL, "--json", "--band", "6..11"]));
-    let found = peaks(&low[0]);
+    let found = peaks(&self::look("--band 6..11"));
     assert!(
         found.iter().any(|(f, _)| (f - TODI_HZ[1]).abs() < 0.05),
         "{found:?}"
@@ -133,11 +104,7 @@ fn json_says_the_same_and_a_band_narrows_it() {
 
 #[test]
 fn a_configuration_gives_orders_and_force() {
-    let cache = tempfile::tempdir().unwrap();
-    let arguments = ["spectrum", PULL, "--config", "config/todi.toml"];
-    let output = tirante(&cache, &arguments);
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    let table = text(&output.stdout);
+    let table = tirante(ROOT, &format!("{PULL} {TODI}")).done();
     for wanted in [
         "rod todi",
         "mode 1",
@@ -148,7 +115,7 @@ fn a_configuration_gives_orders_and_force() {
     ] {
         assert!(table.contains(wanted), "no {wanted} in\n{table}");
     }
-    let look = &json(&tirante(&cache, &[&arguments[..], &["--json"]].concat()))[0];
+    let look = look(TODI);
     let orders: Vec<u64> = look["peaks"]
         .as_array()
         .unwrap()
@@ -161,10 +128,9 @@ fn a_configuration_gives_orders_and_force() {
 
 #[test]
 fn a_page_needs_nothing_else() {
-    let cache = tempfile::tempdir().unwrap();
-    let page = path(&cache, "pull.html");
-    let output = tirante(&cache, &["spectrum", PULL, "--html", &page]);
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let folder = tempfile::tempdir().unwrap();
+    let page = path(&folder, "pull.html");
+    tirante(ROOT, &format!("{PULL} --html {page}")).done();
     let html = fs::read_to_string(&page).unwrap();
     for wanted in [
         "<h1>todi-pull.mcap</h1>",
@@ -180,50 +146,43 @@ fn a_page_needs_nothing_else() {
         assert!(!html.contains(foreign), "{foreign}");
     }
     // The recording itself is never written over.
-    let copy = path(&cache, "copy.mcap");
-    fs::copy(Path::new(env!("CARGO_MANIFEST_DIR")).join(PULL), &copy).unwrap();
-    let output = tirante(&cache, &["spectrum", &copy, "--html", &copy]);
-    assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+    fs::copy(
+        Path::new(ROOT).join("recordings/todi-pull.mcap"),
+        folder.path().join("copy.mcap"),
+    )
+    .unwrap();
+    tirante(&folder, "spectrum copy.mcap --html copy.mcap").ends(2);
 }
 
 #[test]
 fn what_cannot_be_looked_at_is_named_with_the_next_step() {
-    let cache = tempfile::tempdir().unwrap();
-    let broken = path(&cache, "broken.mcap");
+    let folder = tempfile::tempdir().unwrap();
+    let broken = path(&folder, "broken.mcap");
     fs::write(&broken, b"this is no recording").unwrap();
-    for (arguments, code, wanted) in [
-        (vec!["spectrum"], 2, "FILE"),
-        (vec!["spectrum", PULL, "--band", "40..2"], 2, "lower end"),
-        (vec!["spectrum", PULL, "--band", "forty"], 2, "LOW..HIGH"),
-        (vec!["spectrum", PULL, "--unit", "furlong"], 2, "furlong"),
-        (vec!["spectrum", PULL, "--rate", "0"], 2, "--rate"),
-        (vec!["spectrum", PULL, "--no-such-flag"], 2, "--no-such-flag"),
-        (vec!["spectrum", "no/such.mcap"], 1, "no/such.mcap"),
-        (vec!["spectrum", &broken], 1, "broken.mcap"),
-        (vec!["spectrum", &broken, PULL], 3, "broken.mcap"),
-        (
-            vec!["spectrum", PULL, "--topic", "/nave"],
-            1,
-            "it has /todi/displacement",
-        ),
-        (vec!["spectrum", PULL, "--field", "point.z"], 3, "there is: value"),
-        (vec!["spectrum", PULL, "--band", "200..400"], 3, "refused"),
+    for (line, code, wanted) in [
+        ("spectrum", 2, "FILE"),
+        (&format!("{PULL} --band 40..2"), 2, "lower end"),
+        (&format!("{PULL} --band forty"), 2, "LOW..HIGH"),
+        (&format!("{PULL} --unit furlong"), 2, "furlong"),
+        (&format!("{PULL} --rate 0"), 2, "--rate"),
+        (&format!("{PULL} --no-such-flag"), 2, "--no-such-flag"),
+        ("spectrum no/such.mcap", 1, "no/such.mcap"),
+        (&format!("spectrum {broken}"), 1, "broken.mcap"),
+        (&format!("{PULL} {broken}"), 3, "broken.mcap"),
+        (&format!("{PULL} --topic /nave"), 1, "it has /todi/displacement"),
+        (&format!("{PULL} --field point.z"), 3, "there is: value"),
+        (&format!("{PULL} --band 200..400"), 3, "refused"),
     ] {
-        let output = tirante(&cache, &arguments);
-        let said = said(&output);
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
-        assert!(said.contains(wanted), "{arguments:?}: {said}");
+        let said = tirante(ROOT, line).ends(code).all();
+        assert!(said.contains(wanted), "{line}: {said}");
         assert!(!said.contains("panicked"), "{said}");
     }
 }
 
 #[test]
 fn a_refused_record_is_shown_with_its_peaks() {
-    let cache = tempfile::tempdir().unwrap();
-    let identify = |more: &[&str]| tirante(&cache, &[&["identify", PULL], &ONE_MODE[..], more].concat());
-    let output = identify(&["--plot", "always"]);
-    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
-    let shown = text(&output.stdout);
+    let identify = |more: &str| tirante(ROOT, &format!("identify recordings/todi-pull.mcap {more}"));
+    let shown = identify(&format!("{ONE_MODE} --plot always")).ends(3).out;
     for wanted in [
         "rejected (no-label): cannot number the modes",
         "taken for",
@@ -233,7 +192,7 @@ fn a_refused_record_is_shown_with_its_peaks() {
         assert!(shown.contains(wanted), "no {wanted} in\n{shown}");
     }
     assert!(is_drawn(&shown), "{shown}");
-    let line = &json(&identify(&["--json"]))[0];
+    let line = &identify(&format!("{ONE_MODE} --json")).lines()[0];
     let found = peaks(line);
     assert!(
         found.iter().any(|(f, _)| (f - TODI_HZ[0]).abs() < 0.05),
@@ -245,7 +204,7 @@ fn a_refused_record_is_shown_with_its_peaks() {
     );
     assert!(line["label_probability"].is_null(), "{line}");
     // Of one that gave a force the peaks are in its picture.
-    let line = &json(&tirante(&cache, &["identify", PULL, "--json"]))[0];
+    let line = identify("--json").only();
     assert!(
         line["peaks"].is_null() && line["excitation"]["kind"].is_string(),
         "{line}"
@@ -256,24 +215,15 @@ fn a_refused_record_is_shown_with_its_peaks() {
 
 #[test]
 fn store_report_and_results_keep_the_picture_of_a_refused_record() {
-    let cache = tempfile::tempdir().unwrap();
-    let (store, page, results) = (
-        path(&cache, "site.db"),
-        path(&cache, "page"),
-        path(&cache, "results.mcap"),
-    );
-    let arguments = [
-        "replay",
-        PULL,
-        "--store",
-        &store,
-        "--report",
-        &page,
-        "--results",
-        &results,
-    ];
-    let output = tirante(&cache, &[&arguments[..], &ONE_MODE].concat());
-    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
+    let folder = tempfile::tempdir().unwrap();
+    let [store, page, results] = ["site.db", "page", "results.mcap"].map(|name| path(&folder, name));
+    tirante(
+        ROOT,
+        &format!(
+            "replay recordings/todi-pull.mcap --store {store} --report {page} --results {results} {ONE_MODE}"
+        ),
+    )
+    .ends(3);
     let html = fs::read_dir(&page).unwrap().next().unwrap().unwrap().path();
     let html = fs::read_to_string(html).unwrap();
     for wanted in [
@@ -337,14 +287,9 @@ fn table() -> String {
 
 #[test]
 fn another_programs_file_is_looked_at_as_it_comes() {
-    let cache = tempfile::tempdir().unwrap();
-    let file = path(&cache, "laser.csv");
-    fs::write(&file, table()).unwrap();
-    let output = tirante(&cache, &["spectrum", &file, "--json"]);
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    let looks = json(&output);
-    assert_eq!(looks.len(), 1, "{looks:?}");
-    let look = &looks[0];
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("laser.csv"), table()).unwrap();
+    let look = &tirante(&folder, "spectrum laser.csv --json").only();
     assert_eq!(
         (look["unit"].as_str(), look["fs_hz"].as_f64()),
         (Some("m"), Some(200.0)),
@@ -358,17 +303,15 @@ fn another_programs_file_is_looked_at_as_it_comes() {
     }
     assert_eq!(look["excitation"]["kind"], "free-decay", "{look}");
     // A rate that contradicts the stamps is refused, with the file's name.
-    let output = tirante(&cache, &["spectrum", &file, "--rate", "150"]);
-    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
-    assert!(said(&output).contains("laser.csv"), "{}", said(&output));
+    let refused = tirante(&folder, "spectrum laser.csv --rate 150").ends(1).all();
+    assert!(refused.contains("laser.csv"), "{refused}");
 }
 
 /// Rows with stamps of a busy computer: the rate between their longer intervals (here 0.3 % too high) is no rate of the file. The
 /// record measures it, and what a person says of it is compared with that.
 #[test]
 fn uneven_rows_do_not_contradict_the_rate_they_have() {
-    let cache = tempfile::tempdir().unwrap();
-    let file = path(&cache, "busy.csv");
+    let folder = tempfile::tempdir().unwrap();
     let mut lines = vec!["t [s];x [mm]".to_owned()];
     for (i, line) in table().lines().skip(1).enumerate() {
         // Up to 40 % of the interval early or late.
@@ -376,23 +319,16 @@ fn uneven_rows_do_not_contradict_the_rate_they_have() {
         let (_, value) = line.split_once(';').unwrap();
         lines.push(format!("{:.7};{value}", 1.0 + i as f64 / 200.0 + off));
     }
-    fs::write(&file, lines.join("\n") + "\n").unwrap();
-    for arguments in [
-        vec!["spectrum", file.as_str(), "--json"],
-        vec!["spectrum", file.as_str(), "--json", "--rate", "200"],
-    ] {
-        let output = tirante(&cache, &arguments);
-        assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-        let look = &json(&output)[0];
+    fs::write(folder.path().join("busy.csv"), lines.join("\n") + "\n").unwrap();
+    for flags in ["", "--rate 200"] {
+        let look = &tirante(&folder, &format!("spectrum busy.csv --json {flags}")).only();
         let fs_hz = look["fs_hz"].as_f64().unwrap();
         assert!((fs_hz - 200.0).abs() < 0.02, "{look}");
         assert!(look["flags"].to_string().contains("jitter"), "{look}");
         let found = peaks(look);
         assert!(found.iter().any(|(f, _)| (f - 4.5).abs() < 0.01), "{found:?}");
     }
-    let output = tirante(&cache, &["spectrum", &file, "--rate", "150"]);
-    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
-    let told = said(&output) + &text(&output.stdout);
+    let told = tirante(&folder, "spectrum busy.csv --rate 150").ends(3).all();
     assert!(
         told.contains("declared 150 Hz") && told.contains("the stamps say 200."),
         "{told}"
@@ -402,8 +338,7 @@ fn uneven_rows_do_not_contradict_the_rate_they_have() {
 /// Four in ten rows lost one by one, and interpolation asked for: what is missing is told as missing, not as another rate.
 #[test]
 fn lost_rows_are_missing_and_no_other_rate() {
-    let cache = tempfile::tempdir().unwrap();
-    let file = path(&cache, "lost.csv");
+    let folder = tempfile::tempdir().unwrap();
     let mut kept = Vec::new();
     for (i, line) in table().lines().enumerate() {
         // Two of seven, and up to eight together.
@@ -411,21 +346,18 @@ fn lost_rows_are_missing_and_no_other_rate() {
             kept.push(line.to_owned());
         }
     }
-    fs::write(&file, kept.join("\n") + "\n").unwrap();
-    let output = tirante(&cache, &["spectrum", &file, "--json", "--resample", "200"]);
-    let look = &json(&output)[0];
-    assert_eq!(look["fs_hz"].as_f64(), Some(200.0), "{look}");
-    assert_ne!(look["rejection"]["code"], "rate", "{look}");
-    let output = tirante(&cache, &["spectrum", &file, "--json"]);
-    let look = &json(&output)[0];
-    assert_eq!(look["rejection"]["code"], "missing", "{look}");
+    fs::write(folder.path().join("lost.csv"), kept.join("\n") + "\n").unwrap();
+    let look = |more: &str| tirante(&folder, &format!("spectrum lost.csv --json {more}")).lines()[0].clone();
+    let interpolated = look("--resample 200");
+    assert_eq!(interpolated["fs_hz"].as_f64(), Some(200.0), "{interpolated}");
+    assert_ne!(interpolated["rejection"]["code"], "rate", "{interpolated}");
+    assert_eq!(look("")["rejection"]["code"], "missing");
 }
 
 /// A laser that loses its target writes an error code for some rows.
 #[test]
 fn an_error_code_in_a_file_is_missing_data() {
-    let cache = tempfile::tempdir().unwrap();
-    let file = path(&cache, "laser.csv");
+    let folder = tempfile::tempdir().unwrap();
     let look = |every: usize, rows: usize| {
         let lines = table()
             .lines()
@@ -438,13 +370,11 @@ fn an_error_code_in_a_file_is_missing_data() {
                 };
                 text + &shown + "\n"
             });
-        fs::write(&file, lines).unwrap();
-        tirante(&cache, &["spectrum", &file, "--json"])
+        fs::write(folder.path().join("laser.csv"), lines).unwrap();
+        tirante(&folder, "spectrum laser.csv --json")
     };
-    let output = look(1900, 8);
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    let line = &json(&output)[0];
-    let found = peaks(line);
+    let line = look(1900, 8).only();
+    let found = peaks(&line);
     for wanted in [4.5, 9.7] {
         assert!(
             found.iter().any(|(f, _)| (f - wanted).abs() < 0.01),
@@ -456,7 +386,7 @@ fn an_error_code_in_a_file_is_missing_data() {
         { "flag": "error-code", "value": -9.999, "runs": 4, "samples": 32 },
     ]);
     assert_eq!(line["flags"], flags, "{line}");
-    let line = &json(&look(20, 8))[0];
+    let line = &look(20, 8).lines()[0];
     assert_eq!(line["rejection"]["code"], "error-code", "{line}");
     let message = line["rejection"]["message"].as_str().unwrap();
     for wanted in [
@@ -472,37 +402,27 @@ fn an_error_code_in_a_file_is_missing_data() {
 
 #[test]
 fn set_overrides_a_key_of_the_configuration() {
-    let cache = tempfile::tempdir().unwrap();
-    let look = |more: &[&str]| {
-        let words = ["spectrum", PULL, "--json"];
-        tirante(&cache, &[&words[..], more].concat())
-    };
-    let config = ["--config", "config/todi.toml"];
-    let orders = |output: &Output| {
-        let line = &json(output)[0];
+    let look = |more: &str| tirante(ROOT, &format!("{PULL} --json {more}"));
+    let orders = |more: &str| {
+        let line = look(more).only();
         let peaks = line["peaks"].as_array().unwrap().iter();
         peaks.filter(|peak| peak["order"].is_u64()).count()
     };
-    assert_eq!(orders(&look(&config)), 3);
-    assert_eq!(
-        orders(&look(&[&config[..], &["--set", "modes.count=2"]].concat())),
-        2
-    );
+    assert_eq!(orders(TODI), 3);
+    assert_eq!(orders(&format!("{TODI} --set modes.count=2")), 2);
     for (more, wanted) in [
-        ([&config[..], &["--set", "modes.cuont=2"]].concat(), "modes.cuont"),
-        (vec!["--set", "modes.count=2"], "--config"),
+        (format!("{TODI} --set modes.cuont=2"), "modes.cuont"),
+        ("--set modes.count=2".to_owned(), "--config"),
     ] {
-        let output = look(&more);
-        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
-        assert!(said(&output).contains(wanted), "{}", said(&output));
+        let said = look(&more).ends(2).all();
+        assert!(said.contains(wanted), "{said}");
     }
 }
 
 /// `--time` names a column; an array has none, and says so instead of asking for it again.
 #[test]
 fn a_format_without_columns_refuses_time() {
-    let cache = tempfile::tempdir().unwrap();
-    let file = path(&cache, "a.npy");
+    let folder = tempfile::tempdir().unwrap();
     let header = format!(
         "{:<117}\n",
         "{'descr': '<f8', 'fortran_order': False, 'shape': (4000,), }"
@@ -512,52 +432,45 @@ fn a_format_without_columns_refuses_time() {
     for i in 0..4000 {
         bytes.extend_from_slice(&(f64::from(i) * 0.2).sin().to_le_bytes());
     }
-    fs::write(&file, bytes).unwrap();
-    let output = tirante(&cache, &["spectrum", &file, "--time", "t"]);
-    assert_ne!(output.status.code(), Some(0));
+    fs::write(folder.path().join("a.npy"), bytes).unwrap();
+    let refused = tirante(&folder, "spectrum a.npy --time t");
+    assert_ne!(refused.code, Some(0));
+    let said = refused.all();
     assert!(
-        said(&output).contains("no column or variable that --time could name"),
-        "{}",
-        said(&output)
+        said.contains("no column or variable that --time could name"),
+        "{said}"
     );
 }
 
 #[test]
 fn a_force_in_doubt_bears_its_mark_and_its_figures() {
-    let cache = tempfile::tempdir().unwrap();
-    let words = ["spectrum", PULL, "--config", "config/todi.toml"];
-    let output = tirante(&cache, &words);
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    let table = text(&output.stdout);
+    let table = tirante(ROOT, &format!("{PULL} {TODI}")).done();
     assert!(
         table.contains("  axial force ! ") && table.contains("  ! model and data disagree"),
         "{table}"
     );
-    let output = tirante(&cache, &[&words[..], &["--json"]].concat());
-    let look = &json(&output)[0];
+    let look = look(TODI);
     assert!(
         look["conflict"].as_f64().unwrap() >= 3.0 && look["prior_tail"].is_number(),
         "{look}"
     );
-    let page = path(&cache, "page.html");
-    tirante(&cache, &[&words[..], &["--html", page.as_str()]].concat());
+    let folder = tempfile::tempdir().unwrap();
+    let page = path(&folder, "page.html");
+    tirante(ROOT, &format!("{PULL} {TODI} --html {page}")).done();
     let page = fs::read_to_string(page).unwrap();
     assert!(page.contains(">! ") && page.contains("model and data disagree"));
 }
 
 #[test]
 fn a_band_beyond_the_record_says_what_the_record_shows() {
-    let cache = tempfile::tempdir().unwrap();
-    let file = path(&cache, "laser.csv");
+    let folder = tempfile::tempdir().unwrap();
     // 200 Hz, without a time of day.
-    fs::write(&file, table()).unwrap();
+    fs::write(folder.path().join("laser.csv"), table()).unwrap();
     for band in ["250..300", "0.001..0.1"] {
-        let output = tirante(&cache, &["spectrum", &file, "--band", band]);
-        assert_eq!(output.status.code(), Some(3), "{}", said(&output));
-        let told = text(&output.stdout)
-            .split_whitespace()
-            .collect::<Vec<_>>()
-            .join(" ");
+        let told = tirante(&folder, &format!("spectrum laser.csv --band {band}"))
+            .ends(3)
+            .out;
+        let told = told.split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(
             told.contains("refused (no-band)")
                 && told.contains("this record shows 0.")
@@ -573,6 +486,6 @@ fn a_band_beyond_the_record_says_what_the_record_shows() {
             "{told}"
         );
     }
-    let output = tirante(&cache, &["spectrum", &file, "--json"]);
-    assert!(json(&output)[0]["start"].is_null(), "{}", said(&output));
+    let look = tirante(&folder, "spectrum laser.csv --json").only();
+    assert!(look["start"].is_null(), "{look}");
 }

@@ -218,6 +218,7 @@ fn every_command_has_a_man_page_and_every_shell_its_completions() {
     }
     assert!(text(&out.join("tirante.1")).contains("axial force"));
     assert!(!out.join("tirante-manual.1").exists(), "it is for packages only");
+    assert!(!out.join("tirante-trial.1").exists(), "it is for the daemon only");
     for (shell, name) in [
         ("bash", "tirante.bash"),
         ("zsh", "_tirante"),
@@ -225,6 +226,9 @@ fn every_command_has_a_man_page_and_every_shell_its_completions() {
     ] {
         let script = text(&out.join(name));
         assert!(script.contains("rebaseline"), "{name}");
+        let mut trials = script.lines().filter(|line| line.contains("trial"));
+        // The help of `study --quick` has the word.
+        assert!(trials.all(|line| line.contains("as a trial")), "{name}");
         let printed = tirante().args(["completions", shell]).output().unwrap();
         assert_eq!(String::from_utf8_lossy(&printed.stdout), script);
     }

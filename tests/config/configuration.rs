@@ -745,6 +745,58 @@ fn the_documentation_lists_every_key_and_no_other() {
 }
 
 #[test]
+fn a_bucket_is_a_server_a_bucket_and_the_begin_of_names() {
+    let with = |to: &str| format!("{MINIMAL}\n[bucket]\nto = \"{to}\"\ncredentials = \"keys\"\n");
+    for (to, parts) in [
+        (
+            "https://s3.example.org/monuments",
+            ["https://s3.example.org", "monuments", ""],
+        ),
+        (
+            "https://s3.example.org:9000/my.bucket-1/umbria/todi/",
+            ["https://s3.example.org:9000", "my.bucket-1", "umbria/todi"],
+        ),
+        ("http://127.0.0.1:9000/own", ["http://127.0.0.1:9000", "own", ""]),
+        ("http://[::1]:9000/own", ["http://[::1]:9000", "own", ""]),
+    ] {
+        let bucket = good(&with(to)).bucket.unwrap();
+        assert_eq!([bucket.server.as_str(), &bucket.bucket, &bucket.prefix], parts);
+        assert_eq!(bucket.region, "us-east-1");
+    }
+    for (to, said) in [
+        ("s3.example.org/monuments", "is no address"),
+        ("ftp://s3.example.org/monuments", "is no address"),
+        (
+            "https://user:secret@s3.example.org/monuments",
+            "keys go into the file",
+        ),
+        ("https://s3.example.org/monuments?acl", "keys go into the file"),
+        ("https://s3.example.org", "names no bucket"),
+        ("https://s3.example.org/Monuments", "names no bucket"),
+        ("https:///monuments", "names no bucket"),
+        ("https://s3.example.org/monuments/../other", "other signs"),
+        ("https://s3.example.org/monuments/to di", "other signs"),
+        ("http://s3.example.org/monuments", "another machine"),
+        ("http://127.0.0.1.example.org/monuments", "another machine"),
+    ] {
+        let found = messages(&with(to));
+        assert!(
+            found.len() == 1 && found[0].starts_with("bucket.to: ") && found[0].contains(said),
+            "{to}: {found:?}"
+        );
+    }
+    let found = messages(&format!(
+        "{MINIMAL}\n[bucket]\nto = \"https://s3.example.org/monuments\"\nregion = \"a b\"\n"
+    ));
+    assert!(
+        found.len() == 2
+            && found.iter().any(|said| said.contains("is no region"))
+            && found.iter().any(|said| said.contains("access key")),
+        "{found:?}"
+    );
+}
+
+#[test]
 fn a_key_without_effect_names_what_would_give_it_one() {
     for key in ["at = 0.3", "gain_error = 0.02", "place_error_m = 0.05"] {
         let channel = "[rod.channel]\n";

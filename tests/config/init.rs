@@ -1,8 +1,6 @@
 //! `tirante init`: its configuration for a recording, its errors, and that the configuration can be used
 //! unchanged.
-#![allow(clippy::unwrap_used)] // helpers of tests are tests
-
-use assert_cmd::Command;
+use crate::program::{Said, tirante};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use std::fs;
@@ -24,39 +22,16 @@ use tirante::recording::write::{Encoding, Layout, WriterOptions};
 
 const RECORDING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/campaign-2025.mcap");
 
-/// Runs the program in `folder`, without answers to questions.
-fn tirante(folder: &Path, words: &[&str]) -> (Option<i32>, String) {
-    let output = Command::cargo_bin("tirante")
-        .unwrap()
-        .current_dir(folder)
-        .env("TIRANTE_CACHE_DIR", folder)
-        .env_remove("TIRANTE_LOG")
-        .args(words)
-        .output()
-        .unwrap();
-    (output.status.code(), String::from_utf8(output.stderr).unwrap())
-}
+const ROD: &str = "--length-m 14 --side-m 0.0715 --material iron --out site.toml";
 
-const ROD: [&str; 8] = [
-    "--length-m",
-    "14",
-    "--side-m",
-    "0.0715",
-    "--material",
-    "iron",
-    "--out",
-    "site.toml",
-];
-
-fn init(folder: &Path, more: &[&str]) -> (Option<i32>, String) {
-    let words: Vec<&str> = ["init"].iter().chain(&ROD).chain(more).copied().collect();
-    tirante(folder, &words)
+fn init(folder: &Path, more: &str) -> Said {
+    tirante(folder, &format!("init {ROD} {more}"))
 }
 
 #[test]
 fn a_recording_says_where_its_samples_are() {
     let folder = tempfile::tempdir().unwrap();
-    assert_eq!(init(folder.path(), &[RECORDING]).0, Some(0));
+    init(folder.path(), RECORDING).done();
     let text = fs::read_to_string(folder.path().join("site.toml")).unwrap();
     let config = Config::parse(&text, "site.toml").unwrap();
     let shipped = Config::load(Path::new(concat!(
@@ -67,14 +42,12 @@ fn a_recording_says_where_its_samples_are() {
     let (written, shipped) = (&config.rods[0].channels, &shipped.rods[0].channels);
     assert_eq!(written.displacement, shipped.displacement);
     assert_eq!(written.temperature, shipped.temperature);
-    assert_eq!(
-        tirante(folder.path(), &["check", "--quiet", "site.toml"]),
-        (Some(0), String::new())
-    );
+    let checked = tirante(&folder, "check --quiet site.toml").ends(0);
+    assert_eq!(checked.err, "");
 
-    let (code, said) = init(folder.path(), &[RECORDING]);
-    assert_eq!(code, Some(2));
-    assert!(said.contains("site.toml: exists"), "{said}");
+    init(folder.path(), RECORDING)
+        .ends(2)
+        .says(&["site.toml: exists"]);
     assert_eq!(fs::read_to_string(folder.path().join("site.toml")).unwrap(), text);
 }
 
@@ -84,18 +57,11 @@ fn a_recording_says_where_its_samples_are() {
 fn what_is_written_analyses_the_recording() {
     let folder = tempfile::tempdir().unwrap();
     let recording = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/todi-pull.mcap");
-    for (more, wanted, told) in [
-        (&[recording][..], Some(3), "1 no-label"),
-        (&[recording, "--force-n", "600e3"], Some(0), "1 identified"),
-    ] {
+    for (more, wanted, told) in [("", 3, "1 no-label"), ("--force-n 600e3", 0, "1 identified")] {
         let _ = fs::remove_file(folder.path().join("site.toml"));
-        assert_eq!(init(folder.path(), more).0, Some(0));
-        let (code, said) = tirante(
-            folder.path(),
-            &["identify", recording, "--config", "site.toml", "--draws", "20000"],
-        );
-        assert_eq!(code, wanted, "{said}");
-        assert!(said.contains(told), "{said}");
+        init(folder.path(), &format!("{recording} {more}")).done();
+        let line = format!("identify {recording} --config site.toml --draws 20000");
+        tirante(&folder, &line).ends(wanted).says(&[told]);
     }
 }
 
@@ -156,50 +122,36 @@ fn damaged_recordings_never_panic() {
 fn what_is_missing_or_impossible_is_named_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();
     for (more, wanted) in [
-        (&["--unit", "mm"][..], "--topic or a recording is needed"),
-        (&["--topic", "/a"], "--unit is needed"),
-        (&["--topic", "/a", "--unit", "V"], "is no unit"),
+        ("--unit mm", "--topic or a recording is needed"),
+        ("--topic /a", "--unit is needed"),
+        ("--topic /a --unit V", "is no unit"),
         (
-            &[RECORDING, "--topic", "/a"],
+            &format!("{RECORDING} --topic /a"),
             "the recording has /nave-3/displacement",
         ),
-        (&[RECORDING, "--unit", "mm"], "the recording says m"),
-        (&[RECORDING, "--id", "no good"], "is no id"),
-        (&[RECORDING, "--force-n=-1"], "a positive number"),
-        (&["nothing.mcap"], "nothing.mcap"),
+        (&format!("{RECORDING} --unit mm"), "the recording says m"),
+        (&format!("{RECORDING} --id 'no good'"), "is no id"),
+        (&format!("{RECORDING} --force-n=-1"), "a positive number"),
+        ("nothing.mcap", "nothing.mcap"),
     ] {
-        let (code, said) = init(folder.path(), more);
-        assert!(matches!(code, Some(1 | 2)), "{more:?}: {code:?}");
-        assert!(said.contains(wanted), "{more:?}: {said}");
-        assert!(!folder.path().join("site.toml").exists(), "{more:?}");
+        let refused = init(folder.path(), more).says(&[wanted]);
+        assert!(matches!(refused.code, Some(1 | 2)), "{refused:?}");
+        assert!(!folder.path().join("site.toml").exists(), "{more}");
     }
-    let (code, said) = tirante(folder.path(), &["init", "--out", "site.toml"]);
-    assert_eq!(code, Some(2));
-    assert!(
-        said.contains("--length, --section and --material are needed"),
-        "{said}"
-    );
+    tirante(&folder, "init --out site.toml")
+        .ends(2)
+        .says(&["--length, --section and --material are needed"]);
 }
 
 /// Plan of the configuration that `init` writes for a rod of known size and material only: 9.5 m, 50 mm
 /// square, iron.
 fn unknown_rod(folder: &Path) -> (Plan, RodPrior) {
-    let words = [
-        "init",
-        "--length-m",
-        "9.5",
-        "--side-m",
-        "0.05",
-        "--material",
-        "iron",
-        "--topic",
-        "/rod",
-        "--unit",
-        "mm",
-        "--out",
-        "unknown.toml",
-    ];
-    assert_eq!(tirante(folder, &words).0, Some(0));
+    let rod = "--length-m 9.5 --side-m 0.05 --material iron";
+    tirante(
+        folder,
+        &format!("init {rod} --topic /rod --unit mm --out unknown.toml"),
+    )
+    .done();
     let config = Config::load(&folder.join("unknown.toml")).unwrap();
     let settings = config.rods[0].analysis.clone();
     let prior = settings.prior.clone();
@@ -316,26 +268,12 @@ fn what_was_not_asked_is_told_and_the_next_command_can_be_pasted() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     fs::copy(RECORDING, at.join("Navata nord.mcap")).unwrap();
-    let words = [
-        "init",
-        "Navata nord.mcap",
-        "--length",
-        "14",
-        "--section",
-        "s71.5",
-        "--material",
-        "iron",
-    ];
-    let output = Command::cargo_bin("tirante")
-        .unwrap()
-        .current_dir(at)
-        .env("TIRANTE_CACHE_DIR", at)
-        .args(words)
-        .args(["--out", "nord uno.toml"])
-        .output()
-        .unwrap();
-    let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
-    assert_eq!(output.status.code(), Some(0), "{err}");
+    let rod = "--length 14 --section s71.5 --material iron";
+    let Said { out, err, .. } = tirante(
+        at,
+        &format!("init 'Navata nord.mcap' {rod} --out 'nord uno.toml'"),
+    )
+    .ends(0);
     assert!(
         out.ends_with("  tirante identify 'Navata nord.mcap' --config 'nord uno.toml'\n"),
         "{out}"

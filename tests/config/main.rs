@@ -3,6 +3,8 @@
 
 #[path = "../harness/common/mod.rs"]
 mod common;
+#[path = "../harness/program/mod.rs"]
+mod program;
 
 mod configuration;
 mod init;

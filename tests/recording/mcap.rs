@@ -95,6 +95,23 @@ fn an_array_of_more_than_a_million_samples_is_taken_in_pieces() {
 }
 
 #[test]
+fn a_fault_of_a_message_read_in_pieces_counts_once() {
+    let mut writer = RecordingWriter::new(Cursor::new(Vec::new()), WriterOptions::default()).unwrap();
+    let spec = ChannelSpec {
+        precision: Precision::Single,
+        ..spec("/laser", Encoding::Ros2, Layout::Batch(2_300_000))
+    };
+    let id = writer.add_channel(spec).unwrap();
+    writer.write_samples(id, START, FS, &[0.5; 2_310_000]).unwrap();
+    let bytes = writer.finish().unwrap().into_inner();
+    // The second rod's field is in neither message, of which the first is read in three pieces for the other rod.
+    let rods = [rod("r", "/laser", "values"), rod("s", "/laser", "other")];
+    let (_, summary) = read(bytes, &rods, &windows(1000.0));
+    let topic = &summary.topics["/laser"];
+    assert_eq!((topic.undecodable, topic.messages), (2, 2));
+}
+
+#[test]
 fn single_precision_and_missing_samples() {
     for encoding in ENCODINGS {
         for layout in LAYOUTS {

@@ -207,7 +207,7 @@ pub(super) fn replayed(site: &Site, paths: &[PathBuf], store: &str) -> (String, 
 
 #[test]
 fn chunks_of_any_size_give_the_same_rows() {
-    let (site, messages) = recorded(24, 12.0);
+    let (site, messages) = recorded(16, 12.0);
     let mut first = None;
     for (name, chunk) in [
         ("small", Some(4000)),
@@ -219,7 +219,7 @@ fn chunks_of_any_size_give_the_same_rows() {
         write(&path, messages.iter(), chunk);
         let found = replayed(&site, &[path], &format!("{name}.db"));
         let expected = first.get_or_insert_with(|| found.clone());
-        assert!(found.0.lines().count() >= 90);
+        assert!(found.0.lines().count() >= 60);
         assert_eq!(*expected, found, "{name}");
     }
 }
@@ -311,7 +311,7 @@ fn blocks_that_overlap_in_time_stay_in_their_order() {
 #[test]
 fn any_packaging_gives_the_same_rows() {
     let (site, messages) = recorded(24, 12.0);
-    same_rows(&site, &messages, 0..4);
+    same_rows(&site, &messages, 0..3);
 }
 
 #[test]

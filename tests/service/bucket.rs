@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use crate::common::motion;
+use crate::fault_kinds::{Daemon, daemon_site, told};
 use crate::listeners::wait_for;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -457,6 +458,7 @@ fn a_journal_removes_no_part_that_the_bucket_lacks() {
     let copy = site.start();
     let health = Arc::<Health>::default();
     let around = Around {
+        beat: Arc::default(),
         copied: Some(Arc::clone(&copy.held)),
         health: Arc::clone(&health),
         halted: Arc::default(),
@@ -492,6 +494,48 @@ fn a_journal_removes_no_part_that_the_bucket_lacks() {
         assert!(name.contains(&format!("/journal.{number:06}-")), "{name}");
         assert!(bytes == object, "part {number} differs");
     }
+}
+
+/// `tirante run` with a `[bucket]`: a part that is complete is there, byte for byte, under the name that the docs give.
+#[test]
+fn a_daemon_copies_the_parts_of_its_journal() {
+    let server = Server::start();
+    let site = daemon_site();
+    let keys = site.path("keys");
+    fs::write(&keys, format!("{KEY}\n{SECRET}\n")).unwrap();
+    fs::set_permissions(&keys, fs::Permissions::from_mode(0o600)).unwrap();
+    let config = fs::read_to_string(site.path("site.toml")).unwrap();
+    let bucket = format!(
+        "[bucket]\nto = \"{}/monuments/todi\"\nregion = \"{REGION}\"\ncredentials = {keys:?}\n",
+        server.address
+    );
+    fs::write(site.path("site.toml"), config + &bucket).unwrap();
+    let send = |second: u64| {
+        let time = (1_767_268_800 + second) * 1_000_000_000;
+        let line = format!("{{\"topic\":\"/north\",\"time\":{time},\"values\":[1e-5]}}\n{{\"end\":true}}\n");
+        assert!(told(&site, &line).contains("done"));
+    };
+    let mut daemon = Daemon::ready(&site);
+    send(0);
+    daemon.signal("-TERM");
+    assert_eq!(daemon.child.wait().unwrap().code(), Some(0));
+    // The next data go into the next part, which completes the first.
+    let _daemon = Daemon::ready(&site);
+    send(1);
+    wait_for("the first part is there", || {
+        !server.objects("monuments").is_empty()
+    });
+    let part = fs::read(part::path(&site.path("journal"), 1)).unwrap();
+    let sum: String = Sha256::digest(&part)
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect();
+    let (name, object) = server.objects("monuments").pop_first().unwrap();
+    assert!(
+        name.starts_with("todi/2") && name.ends_with(&format!("/journal.000001-{}.mcap", &sum[..16])),
+        "{name}"
+    );
+    assert!(object == part);
 }
 
 /// A server of others: `TIRANTE_S3_SERVER=http://127.0.0.1:4568/BUCKET TIRANTE_S3_KEYS="KEY SECRET"`, and

@@ -47,7 +47,7 @@ const DEADLINE: Duration = Duration::from_secs(120);
 const MINUTE: Duration = Duration::from_secs(60);
 
 /// A site with a daemon's configuration and an empty folder.
-fn daemon_site() -> Site {
+pub(crate) fn daemon_site() -> Site {
     let site = Site::new(SITE);
     let socket = site.path("socket");
     let operation = OPERATION.replace("SOCKET", socket.to_str().unwrap());
@@ -63,8 +63,8 @@ fn held(site: &Site) {
 }
 
 /// A daemon, ended when it is dropped.
-struct Daemon {
-    child: Child,
+pub(crate) struct Daemon {
+    pub(crate) child: Child,
     log: PathBuf,
     begun: Instant,
 }
@@ -90,7 +90,7 @@ impl Daemon {
         Self::spawn(site, &mut site.command(&["run", "--config", "site.toml"]))
     }
 
-    fn ready(site: &Site) -> Self {
+    pub(crate) fn ready(site: &Site) -> Self {
         let mut daemon = Self::start(site);
         daemon.wait("it is ready", |daemon| daemon.log().contains(" ready"));
         daemon
@@ -175,7 +175,7 @@ impl Daemon {
         assert!((1..=most).contains(&lines), "{lines} lines:\n{}", self.log());
     }
 
-    fn signal(&self, name: &str) {
+    pub(crate) fn signal(&self, name: &str) {
         let pid = self.child.id().to_string();
         let kill = Command::new("kill").args([name, &pid]).status().unwrap();
         assert!(kill.success());
@@ -194,7 +194,7 @@ impl Drop for Daemon {
 }
 
 /// Answers to a client that sends `words`, to the end of its connection.
-fn told(site: &Site, words: &str) -> String {
+pub(crate) fn told(site: &Site, words: &str) -> String {
     let mut client = UnixStream::connect(site.path("socket")).unwrap();
     client.set_read_timeout(Some(DEADLINE)).unwrap();
     // One that is turned away may be gone already.

@@ -22,10 +22,12 @@ use tirante::recording::read::recordings::Recordings;
 use tirante::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
 use tirante::service::daemon::places::Place;
 use tirante::service::daemon::reader::{JournalSource, Reader, Remembered, Sources, Surroundings};
-use tirante::service::daemon::steps::{Aside, Watch};
+use tirante::service::daemon::steps::Aside;
+use tirante::service::daemon::supervision::{Unwatched, Watch};
+use tirante::service::daemon::trial::Input;
 use tirante::service::journal::{Around, Batch, Bell, End, Entry, Journal};
 use tirante::service::telemetry::{Fault, Health};
-use tirante::site::driver::Job;
+use tirante::site::driver::{Job, Loads};
 use tirante::site::prepared::Generation;
 use tirante::site::store::FileState;
 
@@ -92,12 +94,32 @@ struct Run {
     damaged: usize,
 }
 
-impl Run {
-    fn folder(folder: &Path, settle_s: f64) -> Self {
-        Self::with(folder, settle_s, Remembered::default(), Watch::none())
+/// Notes the steps, and says what of `bad.mcap` must not be read.
+struct Told {
+    steps: Arc<Mutex<Vec<String>>>,
+    bad: Aside,
+}
+
+impl Watch for Told {
+    fn working_on(&mut self, step: &str) -> bool {
+        self.steps.lock().unwrap().push(step.to_owned());
+        true
     }
 
-    fn with(folder: &Path, settle_s: f64, remembered: Remembered, watch: Watch) -> Self {
+    fn aside(&mut self, name: &str, _: &Input) -> Aside {
+        match name {
+            "bad.mcap" => self.bad.clone(),
+            _ => Aside::Nothing,
+        }
+    }
+}
+
+impl Run {
+    fn folder(folder: &Path, settle_s: f64) -> Self {
+        Self::with(folder, settle_s, Remembered::default(), Box::new(Unwatched))
+    }
+
+    fn with(folder: &Path, settle_s: f64, remembered: Remembered, watch: Box<dyn Watch>) -> Self {
         let sources = Sources {
             folder: Some(folder.to_owned()),
             subfolders: false,
@@ -107,7 +129,7 @@ impl Run {
         Self::of(sources, remembered, Arc::default(), watch)
     }
 
-    fn of(sources: Sources, remembered: Remembered, bell: Arc<Bell>, watch: Watch) -> Self {
+    fn of(sources: Sources, remembered: Remembered, bell: Arc<Bell>, watch: Box<dyn Watch>) -> Self {
         let (sender, jobs) = sync_channel(8);
         let health = Arc::<Health>::default();
         let caught_up = Arc::<AtomicBool>::default();
@@ -120,6 +142,8 @@ impl Run {
                 health: Arc::clone(&health),
                 bell,
                 caught_up: Arc::clone(&caught_up),
+                loads: Loads::default(),
+                beat: Arc::default(),
                 watch,
             },
         )
@@ -235,7 +259,7 @@ fn only_regular_recordings_under_the_folder_are_read_whatever_their_name() {
     // A restart reads nothing again, a changed file once.
     let remembered = run.remembered.clone();
     run.reader.stop();
-    let mut run = Run::with(folder.path(), 0.1, remembered, Watch::none());
+    let mut run = Run::with(folder.path(), 0.1, remembered, Box::new(Unwatched));
     run.until_quiet();
     assert_eq!(run.records.len(), 0);
     fs::write(&odd, measured(200.0, 20.0)).unwrap();
@@ -267,7 +291,12 @@ fn folders_below_are_read_on_request_and_links_are_named() {
         settle_s: 0.1,
         journal: None,
     };
-    let mut run = Run::of(watched(), Remembered::default(), Arc::default(), Watch::none());
+    let mut run = Run::of(
+        watched(),
+        Remembered::default(),
+        Arc::default(),
+        Box::new(Unwatched),
+    );
     run.until("all four files", |run| run.remembered.files.len() == 4);
     run.until_quiet();
     let names: Vec<&str> = run.remembered.files.keys().map(String::as_str).collect();
@@ -292,7 +321,7 @@ fn folders_below_are_read_on_request_and_links_are_named() {
     // A restart reads nothing again; a file that comes into a new folder is read.
     let remembered = run.remembered.clone();
     run.reader.stop();
-    let mut run = Run::of(watched(), remembered, Arc::default(), Watch::none());
+    let mut run = Run::of(watched(), remembered, Arc::default(), Box::new(Unwatched));
     run.until_quiet();
     assert_eq!(run.records.len(), 0);
     fs::create_dir(at("2026/12")).unwrap();
@@ -431,11 +460,10 @@ fn no_two_steps_of_a_file_have_one_name_and_they_are_the_same_the_next_time() {
     let steps = || {
         let steps = Arc::<Mutex<Vec<String>>>::default();
         let noted = Arc::clone(&steps);
-        let watch = Watch {
-            working_on: Box::new(move |step| noted.lock().unwrap().extend(step.map(str::to_owned))),
-            aside: Box::new(|_, _| Aside::Nothing),
-            is_read: Box::new(|_| {}),
-        };
+        let watch = Box::new(Told {
+            steps: noted,
+            bad: Aside::Nothing,
+        });
         let mut run = Run::with(folder.path(), 600.0, Remembered::default(), watch);
         run.until("it", |run| run.done("a.mcap"));
         drop(run);
@@ -455,17 +483,13 @@ fn what_ends_the_program_is_set_aside_and_the_rest_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("bad.mcap"), measured(0.0, 20.0)).unwrap();
     fs::write(folder.path().join("good.mcap"), measured(100.0, 20.0)).unwrap();
-    let watch = Watch {
-        working_on: Box::new(|_| {}),
-        aside: Box::new(|name, _| match name {
-            "bad.mcap" => Aside::From {
-                place: Place { offset: 0, taken: 0 },
-                why: "ended the program 4 times".to_owned(),
-            },
-            _ => Aside::Nothing,
-        }),
-        is_read: Box::new(|_| {}),
-    };
+    let watch = Box::new(Told {
+        steps: Arc::default(),
+        bad: Aside::From {
+            place: Place { offset: 0, taken: 0 },
+            why: "ended the program 4 times".to_owned(),
+        },
+    });
     let mut run = Run::with(folder.path(), 600.0, Remembered::default(), watch);
     run.until("both", |run| run.done("bad.mcap") && run.done("good.mcap"));
     assert!(
@@ -481,12 +505,7 @@ fn what_a_file_lost_is_kept_with_its_mark() {
     let whole = measured(0.0, 20.0);
     fs::write(folder.path().join("whole.mcap"), &whole).unwrap();
     fs::write(folder.path().join("cut.mcap"), &whole[..whole.len() / 2]).unwrap();
-    let watch = Watch {
-        working_on: Box::new(|_| {}),
-        aside: Box::new(|_, _| Aside::Nothing),
-        is_read: Box::new(|_| {}),
-    };
-    let mut run = Run::with(folder.path(), 1.0, Remembered::default(), watch);
+    let mut run = Run::folder(folder.path(), 1.0);
     run.until("both", |run| run.done("whole.mcap") && run.done("cut.mcap"));
     assert_eq!(run.remembered.files["whole.mcap"].state, FileState::Done);
     assert!(
@@ -495,20 +514,38 @@ fn what_a_file_lost_is_kept_with_its_mark() {
 }
 
 #[test]
+fn growing_files_without_a_place_are_a_condition_until_they_have_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let growing = measured(0.0, 1.0);
+    let path = |number: usize| folder.path().join(format!("{number}.mcap"));
+    for number in 0..66 {
+        fs::write(path(number), &growing[..growing.len() - 8]).unwrap();
+    }
+    let mut run = Run::folder(folder.path(), 600.0);
+    run.until("it is told", |run| {
+        let conditions = run.health.conditions();
+        conditions
+            .iter()
+            .any(|one| one.detail.contains("2 recordings more than 64"))
+    });
+    (0..2).for_each(|number| fs::write(path(number), &growing).unwrap());
+    run.until("all have a place", |run| run.health.conditions().is_empty());
+}
+
+#[test]
 fn a_file_whose_beginning_is_deadly_too_is_set_aside_as_a_whole() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("bad.mcap"), measured(0.0, 20.0)).unwrap();
     fs::write(folder.path().join("good.mcap"), measured(100.0, 20.0)).unwrap();
-    let watch = Watch {
-        working_on: Box::new(|step| assert!(step.is_none_or(|step| !step.starts_with("bad.mcap")))),
-        aside: Box::new(|name, _| match name {
-            "bad.mcap" => Aside::Whole("bad.mcap: the whole file is set aside".to_owned()),
-            _ => Aside::Nothing,
-        }),
-        is_read: Box::new(|_| {}),
-    };
+    let steps = Arc::<Mutex<Vec<String>>>::default();
+    let watch = Box::new(Told {
+        steps: Arc::clone(&steps),
+        bad: Aside::Whole("bad.mcap: the whole file is set aside".to_owned()),
+    });
     let mut run = Run::with(folder.path(), 600.0, Remembered::default(), watch);
     run.until("both", |run| run.done("bad.mcap") && run.done("good.mcap"));
+    let is_bad = |step: &String| step.starts_with("bad.mcap");
+    assert!(!steps.lock().unwrap().iter().any(is_bad));
     assert!(
         matches!(&run.remembered.files["bad.mcap"].state, FileState::Quarantined(why) if why.contains("whole file"))
     );
@@ -571,6 +608,7 @@ fn journal(folder: &Path) -> Live {
     let settings = JournalSettings::default();
     // Nothing is old or large enough here to be asked for.
     let around = Around {
+        beat: Arc::default(),
         copied: None,
         health: Arc::default(),
         halted: Arc::default(),
@@ -641,7 +679,7 @@ fn journal_and_folder_are_read_side_by_side_by_daemon_and_replay() {
         sources(&live, Some(folder.path())),
         Remembered::default(),
         live.journal.bell(),
-        Watch::none(),
+        Box::new(Unwatched),
     );
     run.until("all records", |run| run.records.len() == expected.len());
     let starts: Vec<f64> = run.records.iter().map(|(_, record)| seconds(record)).collect();
@@ -679,7 +717,7 @@ fn a_restart_at_any_job_gives_the_same_records() {
         sources(&live, None),
         Remembered::default(),
         live.journal.bell(),
-        Watch::none(),
+        Box::new(Unwatched),
     );
     let mut jobs = Vec::new();
     while let Ok(job) = run.jobs.recv_timeout(QUIET) {
@@ -694,7 +732,7 @@ fn a_restart_at_any_job_gives_the_same_records() {
         sources(&live, None),
         Remembered::default(),
         live.journal.bell(),
-        Watch::none(),
+        Box::new(Unwatched),
     );
     whole.until_quiet();
     assert_eq!(whole.records.len(), 6);
@@ -711,7 +749,7 @@ fn a_restart_at_any_job_gives_the_same_records() {
             sources(&live, None),
             Remembered::default(),
             live.journal.bell(),
-            Watch::none(),
+            Box::new(Unwatched),
         );
         for _ in 0..killed_after {
             let job = first.jobs.recv_timeout(PATIENCE).unwrap();
@@ -724,7 +762,7 @@ fn a_restart_at_any_job_gives_the_same_records() {
             sources(&live, None),
             remembered,
             live.journal.bell(),
-            Watch::none(),
+            Box::new(Unwatched),
         );
         let missing = count - killed_after;
         second.until("the rest", |second| {
@@ -765,7 +803,7 @@ fn live_data_come_within_a_second_beside_a_large_file() {
         sources(&live, Some(&watched)),
         Remembered::default(),
         live.journal.bell(),
-        Watch::none(),
+        Box::new(Unwatched),
     );
     run.until_quiet();
     assert!(run.caught_up.load(Ordering::Relaxed));
@@ -796,7 +834,7 @@ fn a_reload_cuts_anew_at_a_part_and_nothing_is_cut_without_need() {
         sources(&live, None),
         Remembered::default(),
         live.journal.bell(),
-        Watch::none(),
+        Box::new(Unwatched),
     );
     send(&live, &measured(0.0, 39.0), 100_000, false);
     run.until("three records", |run| run.records.len() == 3);

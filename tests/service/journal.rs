@@ -51,6 +51,7 @@ fn around(health: &Arc<Health>) -> Around {
         now.as_secs_f64() - kept.modified_ns as f64 * 1e-9
     };
     Around {
+        beat: Arc::default(),
         copied: None,
         health: Arc::clone(health),
         halted: Arc::default(),

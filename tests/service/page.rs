@@ -502,6 +502,7 @@ fn the_first_load_is_light() {
         "/assets/rod.js",
         "/assets/latest.js",
         "/assets/common.js",
+        "/assets/place.js",
         "/assets/figures.js",
         "/assets/plot.js",
         "/assets/style.css",

@@ -390,7 +390,7 @@ fn a_newer_format_is_refused_by_name_and_left_alone() {
                 error,
                 StoreError::Newer {
                     found: 99,
-                    known: 6,
+                    known: 7,
                     ..
                 }
             ),

@@ -47,22 +47,20 @@ fn records(
     normal: &mut impl FnMut() -> f64,
 ) -> Vec<Observation> {
     (0..count)
-        .map(|day| Observation {
-            start: Timestamp::from_nanos(day as i64 * 86_400_000_000_000),
-            duration_s: 60.0,
-            modes: frequencies
-                .iter()
-                .zip(bias)
-                .enumerate()
-                .map(|(n, (f, bias))| LogMode {
-                    order: n + 1,
-                    log_frequency: f.ln() + bias + sd * normal(),
-                    log_sd: sd,
-                })
-                .collect(),
-            readings: Vec::new(),
-            rms: 1e-5,
-            conflict: 0.0,
+        .map(|day| {
+            Observation::of_modes(
+                Timestamp::from_nanos(day as i64 * 86_400_000_000_000),
+                frequencies
+                    .iter()
+                    .zip(bias)
+                    .enumerate()
+                    .map(|(n, (f, bias))| LogMode {
+                        order: n + 1,
+                        log_frequency: f.ln() + bias + sd * normal(),
+                        log_sd: sd,
+                    })
+                    .collect(),
+            )
         })
         .collect()
 }

@@ -31,21 +31,16 @@ fn log_frequencies(theta: &[f64], u: f64) -> [f64; 5] {
 }
 
 fn observation(logs: &[(usize, f64)], log_sd: f64) -> Observation {
-    Observation {
-        start: Timestamp::from_nanos(0),
-        duration_s: 60.0,
-        modes: logs
-            .iter()
+    Observation::of_modes(
+        Timestamp::from_nanos(0),
+        logs.iter()
             .map(|&(order, log_frequency)| LogMode {
                 order,
                 log_frequency,
                 log_sd,
             })
             .collect(),
-        readings: Vec::new(),
-        rms: 1e-5,
-        conflict: 0.0,
-    }
+    )
 }
 
 /// A record of the paper's rod at N_0 e^u with errors.

@@ -1,4 +1,4 @@
-//! What tests of a rod tell its baseline.
+//! Baselines of a rod that was tested.
 
 use crate::scenario::Scenario;
 use nalgebra::{DMatrix, DVector};
@@ -49,14 +49,7 @@ fn record(model: &dyn ForwardModel, theta: &[f64], ratio: f64) -> Observation {
         log_frequency: frequencies[n].ln(),
         log_sd: 2e-4,
     };
-    Observation {
-        start: Timestamp::from_nanos(0),
-        duration_s: 60.0,
-        modes: (0..3).map(mode).collect(),
-        readings: Vec::new(),
-        rms: 1e-5,
-        conflict: 0.0,
-    }
+    Observation::of_modes(Timestamp::from_nanos(0), (0..3).map(mode).collect())
 }
 
 /// The error of the relative force after a loss of a fifth, and its standard deviation.

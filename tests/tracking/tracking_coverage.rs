@@ -93,14 +93,7 @@ impl Rod {
 }
 
 fn observation(index: i64, modes: Vec<LogMode>) -> Observation {
-    Observation {
-        start: Timestamp::from_nanos(index * 3_600_000_000_000),
-        duration_s: 60.0,
-        modes,
-        readings: Vec::new(),
-        rms: 1e-5,
-        conflict: 0.0,
-    }
+    Observation::of_modes(Timestamp::from_nanos(index * 3_600_000_000_000), modes)
 }
 
 /// A rod, its baseline, ready for records; the second value is ln N_0 over the ln N of the rod's theta.
@@ -334,7 +327,7 @@ fn coverage_campaign() {
     }
 }
 
-/// What modulus and both springs are off by together, in prior standard deviations: the direction that moves all slopes alike.
+/// Common error of modulus and both springs, in prior standard deviations: the direction that moves all slopes alike.
 fn stiffness(rod: &Rod, prior: &RodPrior) -> f64 {
     let off = [1, 4, 5].map(|i| match prior.priors()[i] {
         Prior::TruncatedNormal { mean, sd } => (rod.theta[i] - mean) / sd,

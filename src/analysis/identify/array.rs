@@ -59,7 +59,7 @@ pub struct LeftOut {
     pub why: String,
 }
 
-/// What an identification owes to several sensors.
+/// Part of an identification that comes from several sensors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
     /// The sensors.

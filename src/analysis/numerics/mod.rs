@@ -5,7 +5,7 @@
 //! * [`orthogonal`]  orthogonal polynomials and their quadratures
 //! * [`optimum`]     minima of smooth functions
 //! * [`diagnostics`] Monte Carlo errors, effective sample size, tests of calibration
-//! * `tail`          the normal distribution far out
+//! * `tail`          tails and quantiles of the normal and of chi-square
 //! * `json_number`   numbers that may not be finite, out of JSON
 
 pub mod diagnostics;

@@ -1,11 +1,14 @@
-//! The normal's tail probability in logarithms.
+//! Tails and quantiles of the normal and of chi-square.
 //!
 //! Everything goes through `libm`, so that the bits do not depend on the platform.
 
-use std::f64::consts::{PI, SQRT_2};
+use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
 
 /// Beyond this deviate erfc leaves the normal range of numbers, and the asymptotic series is exact.
 const FAR: f64 = 25.0;
+
+/// Most steps to a normal quantile.
+const NEWTON: usize = 60;
 
 /// ln P(Z > z) for a standard normal Z.
 pub fn ln_upper(z: f64) -> f64 {
@@ -22,9 +25,39 @@ pub fn ln_upper(z: f64) -> f64 {
     -0.5 * z * z - libm::log(z) - 0.5 * libm::log(2.0 * PI) + libm::log(series)
 }
 
+/// The standard normal's quantile, by Newton's method on `erfc`; shares closer to 0 or 1 than 1e-5 count as that.
+pub fn normal_quantile(share: f64) -> f64 {
+    let tail = share.min(1.0 - share).max(1e-5);
+    // The tail is convex and falls: steps from the left of the root never pass it.
+    let mut x: f64 = 0.0;
+    for _ in 0..NEWTON {
+        let excess = 0.5 * libm::erfc(x * FRAC_1_SQRT_2) - tail;
+        let density = libm::exp(-0.5 * x * x) / (2.0 * PI).sqrt();
+        let step = excess / density;
+        x += step;
+        if step.abs() < 1e-12 {
+            break;
+        }
+    }
+    if share < 0.5 { -x } else { x }
+}
+
+/// P(chi-square > q) for up to four degrees of freedom in closed form; one without any.
+pub fn chi_square_tail(q: f64, freedom: usize) -> f64 {
+    let half = 0.5 * q;
+    match freedom {
+        0 => 1.0,
+        1 => libm::erfc(half.sqrt()),
+        2 => libm::exp(-half),
+        3 => libm::erfc(half.sqrt()) + 2.0 * (half / PI).sqrt() * libm::exp(-half),
+        _ => libm::exp(-half) * (1.0 + half),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
     /// z and ln P(Z > z).
     const NORMAL: [(f64, f64); 11] = [
@@ -48,5 +81,27 @@ mod tests {
             let error = (ln_upper(z) - ln_p).abs() / ln_p.abs();
             assert!(error < 1e-13, "{z}: {error}");
         }
+    }
+
+    #[test]
+    fn normal_quantiles_and_chi_square_tails_are_the_published_ones() {
+        assert!((normal_quantile(0.975) - 1.959_963_984_540_054).abs() < 1e-12);
+        assert!((normal_quantile(0.1) + 1.281_551_565_544_600_4).abs() < 1e-12);
+        assert_eq!(normal_quantile(0.0), normal_quantile(1e-6));
+        for step in 1..100 {
+            let share = f64::from(step) / 100.0;
+            assert!((Normal::standard().cdf(normal_quantile(share)) - share).abs() < 1e-9);
+        }
+        for freedom in 1..=4 {
+            let reference = ChiSquared::new(freedom as f64).unwrap();
+            for q in [0.0, 0.1, 1.0, 5.0, 13.8, 30.0] {
+                assert!(
+                    (chi_square_tail(q, freedom) - reference.sf(q)).abs() < 1e-10,
+                    "{freedom} {q}"
+                );
+            }
+        }
+        // Far out, where a difference from one would be zero: exp(-500).
+        assert!((chi_square_tail(1000.0, 2) / (-500f64).exp() - 1.0).abs() < 1e-9);
     }
 }

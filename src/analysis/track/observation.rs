@@ -59,6 +59,18 @@ impl Observation {
         })
     }
 
+    /// Observation of a minute with nothing but modes.
+    pub fn of_modes(start: Timestamp, modes: Vec<LogMode>) -> Self {
+        Self {
+            start,
+            duration_s: 60.0,
+            modes,
+            readings: Vec::new(),
+            rms: 1e-5,
+            conflict: 0.0,
+        }
+    }
+
     /// The mode of this order, if it was measured.
     pub fn mode(&self, order: usize) -> Option<&LogMode> {
         self.modes.iter().find(|mode| mode.order == order)

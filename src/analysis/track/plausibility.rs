@@ -451,14 +451,10 @@ mod tests {
                         log_sd,
                     }
                 });
-                let seen = Observation {
-                    start: Timestamp::from_nanos(0).plus_seconds(3600.0 * self.hour + 60.0 * channel as f64),
-                    duration_s: 60.0,
-                    modes: modes.to_vec(),
-                    readings: Vec::new(),
-                    rms: 1e-5,
-                    conflict: 0.0,
-                };
+                let seen = Observation::of_modes(
+                    Timestamp::from_nanos(0).plus_seconds(3600.0 * self.hour + 60.0 * channel as f64),
+                    modes.to_vec(),
+                );
                 let peers: Vec<Peer> = (0..self.carries.len())
                     .filter(|other| *other != channel)
                     .map(|other| self.plausibility[other].as_peer(&Self::name(other)))

@@ -1,8 +1,12 @@
 //! The relative force of one record: approximate Bayesian computation on the shift from the baseline.
 
 mod bend;
+mod interval;
 mod shift;
 mod spread;
+mod weighted;
+
+pub use interval::Interval;
 
 use super::baseline::levels::{self, LEAST_LOG_SD};
 use super::baseline::{Baseline, BaselineMode};
@@ -12,15 +16,12 @@ use super::relative::shift::{
     Draws, HIGH, LANES, LOW, Lanes, Polynomials, Proposal, Seen, TERMS, mean_and_slope,
 };
 use super::relative::spread::Spread;
-use crate::inference::Marginal;
+use super::relative::weighted::{Moments, PER_PARTICLE, lattice, quantiles};
+use crate::numerics::tail::{chi_square_tail, normal_quantile};
 use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
-use std::f64::consts::{FRAC_1_SQRT_2, PI};
 use std::sync::OnceLock;
-
-/// Number of draws of u per particle.
-const PER_PARTICLE: usize = 4;
 
 /// Standard error of u above which the record carries so little information that u is drawn from its whole
 /// range.
@@ -36,51 +37,6 @@ const MOST_RATIO: f64 = 10.0;
 /// Most steps of the common estimate, and the step that ends them.
 const STEPS: usize = 30;
 const CONVERGED: f64 = 1e-9;
-
-/// Bins of a quantile.
-const BINS: usize = 1024;
-
-/// Most steps to a normal quantile.
-const NEWTON: usize = 60;
-
-/// Mean, spread and 95 % interval of one quantity.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Interval {
-    /// Mean.
-    pub mean: f64,
-    /// Standard deviation.
-    pub sd: f64,
-    /// 2.5 % quantile.
-    pub q025: f64,
-    /// 97.5 % quantile.
-    pub q975: f64,
-}
-
-impl Interval {
-    /// The interval of a normal law.
-    pub fn normal(mean: f64, sd: f64) -> Self {
-        Self {
-            mean,
-            sd,
-            q025: mean - Z * sd,
-            q975: mean + Z * sd,
-        }
-    }
-}
-
-/// Standard normal quantile of a 95 % interval.
-const Z: f64 = 1.959_963_984_540_054;
-
-impl From<&Marginal> for Interval {
-    fn from(of: &Marginal) -> Self {
-        Self {
-            mean: of.mean,
-            sd: of.sd,
-            q025: of.q025,
-            q975: of.q975,
-        }
-    }
-}
 
 /// Deviation of one mode from the change of axial force that [`Relative::estimate`] states: together they are the mode again.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -471,118 +427,6 @@ impl Shift {
     }
 }
 
-/// Weighted mean, standard deviation and effective number of draws.
-struct Moments {
-    mean: f64,
-    sd: f64,
-    ess: f64,
-}
-
-impl Moments {
-    fn of(weights: &[f64], values: &[f64]) -> Self {
-        // Sums lane by lane, in an order that does not depend on the processor; counted from the first value, so that
-        // nothing cancels.
-        let from = values[0];
-        let mut sums = [[0.0; LANES]; 4];
-        for (w, x) in weights.chunks_exact(LANES).zip(values.chunks_exact(LANES)) {
-            for l in 0..LANES {
-                let off = x[l] - from;
-                sums[0][l] += w[l];
-                sums[1][l] += w[l] * w[l];
-                sums[2][l] += w[l] * off;
-                sums[3][l] += w[l] * off * off;
-            }
-        }
-        let [sum, squares, first, second] = sums.map(|lanes| lanes.iter().sum::<f64>());
-        let mean = first / sum;
-        Self {
-            mean: from + mean,
-            sd: (second / sum - mean * mean).max(0.0).sqrt(),
-            ess: sum * sum / squares,
-        }
-    }
-}
-
-/// Quantiles of weighted values, to a thousandth of their range: the weight is summed in narrow bins and taken as even
-/// within each.
-fn quantiles<const S: usize>(values: &[f64], weights: &[f64], shares: [f64; S]) -> [f64; S] {
-    let (low, high) = values
-        .iter()
-        .zip(weights)
-        .filter(|(_, weight)| **weight > 0.0)
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (x, _)| {
-            (low.min(*x), high.max(*x))
-        });
-    let step = (high - low) / BINS as f64;
-    if step.is_nan() || step <= 0.0 {
-        return [low; S];
-    }
-    let mut bins = [0.0; BINS];
-    for (x, weight) in values.iter().zip(weights) {
-        // Values outside have no weight; the cast saturates.
-        bins[(((x - low) / step) as usize).min(BINS - 1)] += weight;
-    }
-    let sum: f64 = bins.iter().sum();
-    shares.map(|share| {
-        let mut below = 0.0;
-        for (bin, weight) in bins.iter().enumerate() {
-            if below + weight >= share * sum && *weight > 0.0 {
-                return low + step * (bin as f64 + (share * sum - below) / weight);
-            }
-            below += weight;
-        }
-        high
-    })
-}
-
-/// Shares from 0 to 1, [`PER_PARTICLE`] for each particle of `blocks`: one in each of as many equal strata,
-/// at places that run evenly through it from particle to particle by the golden ratio.
-fn lattice(blocks: usize) -> Vec<Lanes> {
-    const GOLDEN: f64 = 0.618_033_988_749_894_9;
-    let count = (blocks * LANES) as f64;
-    let mut lattice = vec![[0.0; LANES]; blocks * PER_PARTICLE];
-    for (block, rows) in lattice.chunks_exact_mut(PER_PARTICLE).enumerate() {
-        for (j, row) in rows.iter_mut().enumerate() {
-            for (l, share) in row.iter_mut().enumerate() {
-                let particle = (block * LANES + l) as f64;
-                // Strata of one particle are not to be in step with each other.
-                let place = (GOLDEN * particle + 0.5 / count + j as f64 / PER_PARTICLE as f64).fract();
-                *share = (j as f64 + place) / PER_PARTICLE as f64;
-            }
-        }
-    }
-    lattice
-}
-
-/// The standard normal's quantile, by Newton's method on `erfc`; shares closer to 0 or 1 than 1e-5 count as that.
-fn normal_quantile(share: f64) -> f64 {
-    let tail = share.min(1.0 - share).max(1e-5);
-    // The tail is convex and falls: steps from the left of the root never pass it.
-    let mut x: f64 = 0.0;
-    for _ in 0..NEWTON {
-        let excess = 0.5 * libm::erfc(x * FRAC_1_SQRT_2) - tail;
-        let density = libm::exp(-0.5 * x * x) / (2.0 * PI).sqrt();
-        let step = excess / density;
-        x += step;
-        if step.abs() < 1e-12 {
-            break;
-        }
-    }
-    if share < 0.5 { -x } else { x }
-}
-
-/// P(chi-square > q) for up to four degrees of freedom in closed form; one without any.
-fn chi_square_tail(q: f64, freedom: usize) -> f64 {
-    let half = 0.5 * q;
-    match freedom {
-        0 => 1.0,
-        1 => libm::erfc(half.sqrt()),
-        2 => libm::exp(-half),
-        3 => libm::erfc(half.sqrt()) + 2.0 * (half / PI).sqrt() * libm::exp(-half),
-        _ => libm::exp(-half) * (1.0 + half),
-    }
-}
-
 const _: () = assert!(MAX_MODES <= 5, "the closed forms end at four degrees of freedom");
 
 #[cfg(test)]
@@ -593,29 +437,6 @@ mod tests {
     use crate::signal::record::Timestamp;
     use crate::track::baseline::particles::log_frequencies_of;
     use crate::track::observation::LogMode;
-    use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
-
-    #[test]
-    fn normal_quantiles_and_chi_square_tails_are_the_published_ones() {
-        assert!((normal_quantile(0.975) - 1.959_963_984_540_054).abs() < 1e-12);
-        assert!((normal_quantile(0.1) + 1.281_551_565_544_600_4).abs() < 1e-12);
-        assert_eq!(normal_quantile(0.0), normal_quantile(1e-6));
-        for step in 1..100 {
-            let share = f64::from(step) / 100.0;
-            assert!((Normal::standard().cdf(normal_quantile(share)) - share).abs() < 1e-9);
-        }
-        for freedom in 1..=4 {
-            let reference = ChiSquared::new(freedom as f64).unwrap();
-            for q in [0.0, 0.1, 1.0, 5.0, 13.8, 30.0] {
-                assert!(
-                    (chi_square_tail(q, freedom) - reference.sf(q)).abs() < 1e-10,
-                    "{freedom} {q}"
-                );
-            }
-        }
-        // Far out, where a difference from one would be zero: exp(-500).
-        assert!((chi_square_tail(1000.0, 2) / (-500f64).exp() - 1.0).abs() < 1e-9);
-    }
 
     /// Periods are compared and explained by both together: what the posterior mean differs by is no misfit.
     #[test]
@@ -632,14 +453,7 @@ mod tests {
                 log_frequency: logs[n] + errors[n],
                 log_sd: 1e-4 * (n + 1) as f64,
             };
-            Observation {
-                start: Timestamp::from_nanos(0),
-                duration_s: 60.0,
-                modes: (0..3).map(mode).collect(),
-                readings: Vec::new(),
-                rms: 1e-5,
-                conflict: 0.0,
-            }
+            Observation::of_modes(Timestamp::from_nanos(0), (0..3).map(mode).collect())
         };
         let learned = vec![observed(0.0, [0.0; 3]); 4];
         let baseline = Baseline::learn(&learned, &prior, &model, &[0.01; 5], 128, 1).unwrap();
@@ -654,39 +468,5 @@ mod tests {
             (relative.log_ratio - relative.estimate).abs() > 1e-4,
             "{relative:?}"
         );
-    }
-
-    #[test]
-    fn the_lattice_spreads_evenly_over_all_and_within_each() {
-        let lattice = lattice(64);
-        let mut all: Vec<f64> = lattice.as_flattened().to_vec();
-        all.sort_by(f64::total_cmp);
-        let count = all.len() as f64;
-        for (i, share) in all.iter().enumerate() {
-            // The golden ratio leaves gaps of a few spacings.
-            assert!((share - (i as f64 + 0.5) / count).abs() < 4.0 / count);
-        }
-        for block in lattice.chunks(PER_PARTICLE) {
-            for l in 0..LANES {
-                for (j, lanes) in block.iter().enumerate() {
-                    assert_eq!((lanes[l] * PER_PARTICLE as f64) as usize, j);
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn quantiles_of_weighted_values() {
-        let values: Vec<f64> = (0..4000).map(|i| f64::from(i) / 4000.0).collect();
-        let weights: Vec<f64> = values.clone();
-        // Density 2 x: the quantile is the root of the share.
-        for (share, quantile) in
-            [0.025, 0.5, 0.975]
-                .into_iter()
-                .zip(quantiles(&values, &weights, [0.025, 0.5, 0.975]))
-        {
-            assert!((quantile - f64::sqrt(share)).abs() < 2e-3);
-        }
-        assert_eq!(quantiles(&[3.0; 8], &[1.0; 8], [0.5]), [3.0]);
     }
 }

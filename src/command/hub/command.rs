@@ -1,6 +1,7 @@
-//! `tirante hub command`: commands to a site, and what became of them.
+//! `tirante hub command`: sends commands to a site, and lists commands with their outcome.
 
-use crate::command::listing::{Aligned, csv, is_coloured, minutes};
+use super::listed;
+use crate::command::listing::minutes;
 use crate::command::which_store::Format;
 use crate::command::{BadArguments, print};
 use crate::config::HubConfig;
@@ -30,6 +31,8 @@ const HOUR_NS: f64 = 3600e9;
       --by 'M. Rossi' --reason 'wedge inspected, sound'
   tirante hub command todi --config hub.toml rebaseline north \\
       --by 'M. Rossi' --reason 'retensioned by 20 kN'
+  tirante hub command todi --config hub.toml resend 1 \\
+      --by 'M. Rossi' --reason 'the post lost its disk'
   tirante hub command --list --config hub.toml
 
 States of the list: pending (not answered), accepted (a new baseline begins with
@@ -70,6 +73,15 @@ pub enum What {
         /// Id of the rod.
         #[arg(value_name = "ROD")]
         rod: String,
+        /// Who and why.
+        #[command(flatten)]
+        word: Word,
+    },
+    /// Send commits again that the post has lost: the centre skips those it has.
+    Resend {
+        /// First commit to send, from 1.
+        #[arg(value_name = "FROM", value_parser = clap::value_parser!(i64).range(1..))]
+        from: i64,
         /// Who and why.
         #[command(flatten)]
         word: Word,
@@ -124,8 +136,7 @@ pub fn run(args: &Args, config: &HubConfig) -> anyhow::Result<ExitCode> {
         (Some(site), Some(what)) => give(site, what, config),
         (site, None) if args.list => list(site.as_deref(), args.format, config),
         _ => {
-            let what =
-                "say what is to be done: acknowledge ALARM, rebaseline ROD or configure FILE, or --list";
+            let what = "say what is to be done: acknowledge ALARM, rebaseline ROD, configure FILE or resend FROM, or --list";
             Err(BadArguments(what.to_owned()).into())
         }
     }
@@ -144,6 +155,7 @@ fn give(site: &str, what: &What, config: &HubConfig) -> anyhow::Result<ExitCode>
     let (action, word) = match what {
         What::Acknowledge { alarm, word } => (Action::Acknowledge { alarm: alarm.clone() }, word),
         What::Rebaseline { rod, word } => (Action::Rebaseline { rod: rod.clone() }, word),
+        What::Resend { from, word } => (Action::Resend { from: *from }, word),
         What::Configure { file, word } => {
             let text = fs::read_to_string(file).with_context(|| file.display().to_string())?;
             if text.len() > LARGEST {
@@ -154,13 +166,18 @@ fn give(site: &str, what: &What, config: &HubConfig) -> anyhow::Result<ExitCode>
     };
     let mut centre = hub::beside(&config.storage)?;
     let state = centre.sites()?.remove(site).unwrap_or_default();
-    let Some(present) = state.history() else {
+    // Of a store whose begin is lost the centre has nothing but its heartbeats.
+    let heard = match &action {
+        Action::Resend { .. } => centre.beats()?.remove(site).map(|heard| heard.beat.epoch),
+        _ => None,
+    };
+    let Some(epoch) = heard.or_else(|| state.history().map(|present| present.epoch.clone())) else {
         return Err(BadArguments(format!("nothing of {site} has come yet")).into());
     };
     let now_ns = clock::now().as_nanos();
     let order = Order {
         site: site.to_owned(),
-        epoch: present.epoch.clone(),
+        epoch,
         number: centre.next_command(site, now_ns)?,
         issued_ns: now_ns,
         expires_ns: now_ns.saturating_add((word.expires_h * HOUR_NS) as i64),
@@ -178,30 +195,7 @@ fn give(site: &str, what: &What, config: &HubConfig) -> anyhow::Result<ExitCode>
 fn list(site: Option<&str>, format: Format, config: &HubConfig) -> anyhow::Result<ExitCode> {
     let mut centre = hub::beside(&config.storage)?;
     let rows = centre.commands(site, clock::now().as_nanos())?;
-    let out = match format {
-        Format::Json => {
-            let lines: Result<Vec<String>, _> = rows
-                .iter()
-                .map(|row| serde_json::to_string(row).map(|line| line + "\n"))
-                .collect();
-            lines?.concat()
-        }
-        Format::Csv => {
-            let mut out = csv(HEAD.map(|name| name.trim_start_matches('>')));
-            for row in &rows {
-                out += &csv(cells(row).iter().map(String::as_str));
-            }
-            out
-        }
-        Format::Table => {
-            let mut table = Aligned::new(&HEAD);
-            for row in &rows {
-                table.push(cells(row).to_vec());
-            }
-            table.print(is_coloured())
-        }
-    };
-    print(out.as_bytes())
+    print(listed(&rows, format, &HEAD, cells)?.as_bytes())
 }
 
 const HEAD: [&str; 8] = [

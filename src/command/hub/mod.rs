@@ -11,8 +11,11 @@ mod sites;
 mod store;
 
 use super::BadArguments;
+use super::listing::{Aligned, csv, is_coloured};
+use super::which_store::Format;
 use crate::config::HubConfig;
 use clap::Subcommand;
+use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -85,4 +88,34 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         Some(Action::Store(store)) => store::run(store, &config()?),
         Some(Action::Key(key)) => key::run(key),
     }
+}
+
+/// Rows in a format of `listing`; each head stands over its cell.
+fn listed<T: Serialize, const N: usize>(
+    rows: &[T],
+    format: Format,
+    heads: &[&str; N],
+    cells: impl Fn(&T) -> [String; N],
+) -> anyhow::Result<String> {
+    Ok(match format {
+        Format::Json => {
+            let lines: Result<Vec<String>, _> = rows
+                .iter()
+                .map(|row| serde_json::to_string(row).map(|line| line + "\n"))
+                .collect();
+            lines?.concat()
+        }
+        Format::Csv => {
+            let mut out = csv(heads.map(|head| head.trim_start_matches('>')));
+            for row in rows {
+                out += &csv(cells(row).iter().map(String::as_str));
+            }
+            out
+        }
+        Format::Table => {
+            let mut table = Aligned::new(heads);
+            rows.iter().for_each(|row| table.push(cells(row).to_vec()));
+            table.print(is_coloured())
+        }
+    })
 }

@@ -38,7 +38,7 @@ pub struct Args {
 /// # Errors
 /// The centre has no such store or rod, or the page cannot be written.
 pub fn run(args: &Args, config: &HubConfig) -> anyhow::Result<ExitCode> {
-    let (_folder, copy) = gathered(config, &args.site, args.segment)?;
+    let (_folder, copy) = gathered(config, &args.site, args.segment, &args.out)?;
     let rod = check_rod(copy.reader(), args.rod.as_deref())?;
     let page = report::write(copy.reader(), rod.as_ref(), &args.out)?;
     print(format!("{}\n", page.display()).as_bytes())

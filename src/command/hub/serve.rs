@@ -53,7 +53,7 @@ pub fn run(config: HubConfig) -> anyhow::Result<ExitCode> {
     hub.check()?;
     if let Some(listener) = listener {
         tell!("all sites at http://{}", listener.local_addr()?);
-        let page = Page::new(Arc::clone(&config), Arc::clone(&health), hub.beat(), &access)?.routes(access);
+        let page = Page::new(Arc::clone(&config), Arc::clone(&health), hub.beat(), &access).routes(access);
         let health = Arc::clone(&health);
         runtime.spawn(async move {
             if let Err(error) = http::serve(listener, page, health, stopped).await {

@@ -1,6 +1,7 @@
 //! `tirante hub sites`: all sites, worst first.
 
-use crate::command::listing::{Aligned, csv, is_coloured, minutes};
+use super::listed;
+use crate::command::listing::minutes;
 use crate::command::which_store::Format;
 use crate::config::HubConfig;
 use crate::service::hub;
@@ -29,26 +30,7 @@ pub struct Args {
 pub fn run(args: &Args, config: &HubConfig) -> anyhow::Result<ExitCode> {
     let mut centre = hub::beside(&config.storage)?;
     let rows = list(&mut centre, &config.sites, clock::now().as_nanos())?;
-    let text = match args.format {
-        Format::Json => {
-            let lines: Result<Vec<String>, _> = rows.iter().map(serde_json::to_string).collect();
-            lines?.join("\n") + "\n"
-        }
-        Format::Csv => {
-            let mut out = csv(HEAD.map(|name| name.trim_start_matches('>')));
-            for row in &rows {
-                out += &csv(cells(row).iter().map(String::as_str));
-            }
-            out
-        }
-        Format::Table => {
-            let mut table = Aligned::new(&HEAD);
-            for row in &rows {
-                table.push(cells(row).to_vec());
-            }
-            table.print(is_coloured())
-        }
-    };
+    let text = listed(&rows, args.format, &HEAD, cells)?;
     for row in &rows {
         if let Some(detail) = &row.detail {
             tell!("{}: {} messages parked: {detail}", row.site, row.parked);

@@ -5,7 +5,7 @@ use crate::command::progress::Progress;
 use crate::config::HubConfig;
 use crate::service::hub::{self, copy::SiteCopy, scratch::Scratch};
 use anyhow::Context;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Write a site's rows at the centre as a store, for every command that reads one.
@@ -33,17 +33,27 @@ pub struct Args {
     pub out: PathBuf,
 }
 
-/// A copy of a site's rows, and the folder that holds it.
+/// A copy of a site's rows, and the folder that holds it, for a while, where the output will be.
 pub(super) fn gathered(
     config: &HubConfig,
     site: &str,
     segment: Option<i64>,
+    out: &Path,
 ) -> anyhow::Result<(Scratch, SiteCopy)> {
-    let folder = Scratch::new().context("a folder for the copy")?;
+    let parent = out.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let below = if out.is_dir() {
+        out
+    } else {
+        parent.unwrap_or(Path::new("."))
+    };
+    let folder =
+        Scratch::new(below).with_context(|| format!("{}: no folder for the copy", below.display()))?;
     let mut centre = hub::beside(&config.storage)?;
     let path = folder.path().join("site.db");
     let mut copy = SiteCopy::begin(&mut centre, site, segment, None, &path)?;
-    Progress::during(&format!("reading the rows of {site}"), || copy.renew(&mut centre))?;
+    Progress::during(&format!("reading the rows of {site}"), || {
+        copy.renew(&mut centre, &|| false)
+    })?;
     Ok((folder, copy))
 }
 
@@ -52,7 +62,7 @@ pub(super) fn gathered(
 /// # Errors
 /// The centre has no such store, or the file cannot be written.
 pub fn run(args: &Args, config: &HubConfig) -> anyhow::Result<ExitCode> {
-    let (_folder, copy) = gathered(config, &args.site, args.segment)?;
+    let (_folder, copy) = gathered(config, &args.site, args.segment, &args.out)?;
     let reader = copy.reader();
     reader.copy_to(&args.out)?;
     let (records, rejected) = reader.count_records()?;

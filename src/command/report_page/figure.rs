@@ -348,3 +348,17 @@ impl Figure {
         }
     }
 }
+
+/// A drawing with its caption, if there is one.
+pub(super) fn figure(html: &mut Markup, drawing: impl Into<Option<Markup>>, caption: &str) {
+    let Some(drawing) = drawing.into() else { return };
+    html.element("figure", &[], |figure| {
+        // Narrow screens scroll the drawing, not the page; the keyboard can too.
+        figure.element("div", &[("class", "scroll"), ("tabindex", "0")], |div| {
+            div.append(drawing)
+        });
+        if !caption.is_empty() {
+            figure.leaf("figcaption", &[], caption);
+        }
+    });
+}

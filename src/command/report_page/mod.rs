@@ -5,13 +5,15 @@
 //! * [`terminal`] a small plot in the terminal
 //! * [`study`](fn@study) the paper's study as a page
 //! * [`shares`](fn@shares) bars of shares as a file of its own
-//! * `rod`         one rod's part of it
+//! * `rod`         one rod's part of it: `present` its force and change, `learned` what the latest record adds,
+//!   `refused` the records that gave no force
 //! * `single`      that of a rod measured once: to hand in and to sign
 //! * `history`     figures over time: forces, temperature, frequencies, charts
 //! * `record`      one record: waveform, spectrum, peaks, candidates
 //! * [`spectra`](fn@spectra) records without a rod as a page
 //! * `distribution` densities, regression: figures not over time
 //! * `figure`      one drawing: frame, axes, lines, bands, marks
+//! * `table`       one table and its cells
 //! * `axis`        scales and ticks, of numbers and of dates
 //! * `decimate`    long series to one value per pixel column
 //! * `markup`      balanced, escaped HTML and SVG
@@ -24,14 +26,18 @@ mod decimate;
 mod distribution;
 mod figure;
 mod history;
+mod learned;
 mod markup;
 pub mod page;
+mod present;
 mod record;
+mod refused;
 mod rod;
 mod shares;
 mod single;
 mod spectra;
 mod study;
+mod table;
 pub mod terminal;
 pub mod view;
 

@@ -1,9 +1,9 @@
 //! The report of one site: one HTML page that needs no network, no script and no other file.
 
 use super::markup::Markup;
-use super::rod::{self, Cell};
-use super::single;
+use super::table::{Cell, table};
 use super::view::{RodReport, SiteReport};
+use super::{present, rod, single};
 use crate::analysis::signal::record::Timestamp;
 use crate::analysis::track::RodState;
 
@@ -139,7 +139,7 @@ fn overview(main: &mut Markup, report: &SiteReport) {
         .enumerate()
         .map(|(i, rod)| overview_row(i, rod))
         .collect();
-    rod::table(
+    table(
         main,
         "Intervals in brackets hold the true value with 95 % probability. A force with ! or ? may be wrong: the rod's part says why.",
         &header,
@@ -150,7 +150,7 @@ fn overview(main: &mut Markup, report: &SiteReport) {
 fn overview_row(i: usize, rod: &RodReport) -> Vec<Cell> {
     let last = rod.records.last();
     let refused: usize = rod.rejections.iter().map(|rejection| rejection.count).sum();
-    let now = rod::now(rod);
+    let now = present::now(rod);
     let standing: Vec<String> = rod
         .standing()
         .map(|alarm| {

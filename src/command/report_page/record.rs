@@ -5,7 +5,7 @@ use super::axis;
 use super::distribution::{mean_and_sd, significant};
 use super::figure::Figure;
 use super::markup::Markup;
-use super::rod::{Cell, table};
+use super::table::{Cell, table};
 use crate::analysis::findings::{Candidate, hertz};
 use crate::analysis::record_view::{Curve, PeakMark, Snapshot};
 use crate::analysis::signal::modes::MotionKind;

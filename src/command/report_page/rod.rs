@@ -1,118 +1,21 @@
 //! One rod's part of the report: status, figures with their captions, tables.
 
-use super::axis::minus;
 use super::distribution::{self, significant};
+use super::figure::figure;
 use super::history::{self, Span};
 use super::markup::Markup;
 use super::page::{counted, day, moment, state_class, state_text};
+use super::present::{now, signed};
 use super::record::{self, Drawn};
-use super::single;
+use super::table::{Cell, table};
 use super::view::{RecordPoint, RodReport};
+use super::{learned, refused, single};
 use crate::analysis::findings::{Doubt, motion_said};
-use crate::analysis::inference::VarianceShares;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::track::{Alarm, Interval};
 
 /// Most alarms listed, the latest.
 const ALARMS_LISTED: usize = 200;
-
-/// A cell of a table.
-pub(super) enum Cell {
-    /// Plain text.
-    Text(String),
-    /// Text that stays on one line.
-    Line(String),
-    /// A value with an interval, a temperature or a time: wrapped only between them.
-    Value(String),
-    /// A state with its style.
-    State(&'static str, String),
-    /// A link within the page: target and text.
-    Link(String, String),
-}
-
-/// Present force and change, as text; a force in doubt with its mark.
-pub(super) struct Now {
-    pub as_measured: String,
-    pub at_reference: String,
-    pub change: String,
-}
-
-/// Force and change of the latest record that counts. What is relative to a baseline is left out where that was given up since.
-pub(super) fn now(rod: &RodReport) -> Now {
-    let last = rod.last_used().cloned().map(|last| {
-        if rod.segment.is_none() || rod.segment == last.segment {
-            return last;
-        }
-        RecordPoint {
-            tracked_force_n: None,
-            force_at_reference_n: None,
-            ratio: None,
-            ratio_at_reference: None,
-            ..last
-        }
-    });
-    let Some(last) = last else {
-        let none = || "not known".to_owned();
-        return Now {
-            as_measured: none(),
-            at_reference: none(),
-            change: none(),
-        };
-    };
-    let mark = Doubt::mark(&last.doubts);
-    let kilonewtons = |force: &Interval| format!("{mark}{}", kilonewtons(force));
-    let force = last.tracked_force_n.unwrap_or(last.force_n);
-    let change = match (last.ratio_at_reference, last.ratio) {
-        (Some(ratio), _) => percent(&ratio),
-        (None, Some(ratio)) => format!("{}, uncompensated", percent(&ratio)),
-        (None, None) => "no baseline yet".to_owned(),
-    };
-    let at_reference = last.force_at_reference_n.map_or_else(
-        || "not known".to_owned(),
-        |force| match last.reference_c {
-            Some(celsius) => format!("{} at {celsius:.1} \u{b0}C", kilonewtons(&force)),
-            None => kilonewtons(&force),
-        },
-    );
-    let as_measured = match last.temperature_c {
-        Some(celsius) => format!(
-            "{} at {} \u{b0}C",
-            kilonewtons(&force),
-            minus(&format!("{celsius:.1}"))
-        ),
-        None => kilonewtons(&force),
-    };
-    Now {
-        as_measured,
-        at_reference,
-        change,
-    }
-}
-
-fn kilonewtons(force_n: &Interval) -> String {
-    let kn = |n: f64| significant(1e-3 * n);
-    format!(
-        "{} kN [{} to {}]",
-        kn(force_n.mean),
-        kn(force_n.q025),
-        kn(force_n.q975)
-    )
-}
-
-/// A ratio as a change in percent with its interval.
-fn percent(ratio: &Interval) -> String {
-    let change = |x: f64| signed(100.0 * (x - 1.0));
-    format!(
-        "{} % [{} to {}]",
-        change(ratio.mean),
-        change(ratio.q025),
-        change(ratio.q975)
-    )
-}
-
-fn signed(value: f64) -> String {
-    minus(&format!("{value:+.2}"))
-}
 
 /// The rod's part of the page; `id` begins the ids of its figures.
 pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str, provenance: &[(String, String)]) {
@@ -212,20 +115,6 @@ fn remarks(html: &mut Markup, rod: &RodReport) {
     }
 }
 
-/// A drawing with its caption, if there is one.
-pub(super) fn figure(html: &mut Markup, drawing: Option<Markup>, caption: &str) {
-    let Some(drawing) = drawing else { return };
-    html.element("figure", &[], |figure| {
-        // Narrow screens scroll the drawing, not the page; the keyboard can too.
-        figure.element("div", &[("class", "scroll"), ("tabindex", "0")], |div| {
-            div.append(drawing)
-        });
-        if !caption.is_empty() {
-            figure.leaf("figcaption", &[], caption);
-        }
-    });
-}
-
 fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
     let Some(span) = Span::of(rod) else { return };
     if rod.records.len() < 2 {
@@ -298,102 +187,8 @@ fn over_time(html: &mut Markup, rod: &RodReport, id: &str) {
 fn last_record(html: &mut Markup, rod: &RodReport, id: &str) {
     latest_spectrum(html, rod, id);
     if let Some(latest) = rod.shown() {
-        taught(html, rod, latest, id);
+        learned::section(html, rod, latest, id);
     }
-}
-
-/// Priors and posteriors of the quantities, and the sources of the force's variance.
-pub(super) fn taught(html: &mut Markup, rod: &RodReport, latest: &Snapshot, id: &str) {
-    if latest.densities.is_empty() {
-        return;
-    }
-    html.leaf("h3", &[], "What the record taught");
-    html.leaf(
-        "p",
-        &[("class", "about")],
-        "What was assumed of each quantity (grey) and what the latest record leaves possible (blue). A blue curve narrower than the \
-         grey one was learned from the vibration; one that covers it was not.",
-    );
-    html.element("div", &[("class", "pair many")], |pair| {
-        for (i, density) in latest.densities.iter().enumerate() {
-            figure(
-                pair,
-                Some(distribution::density(
-                    rod,
-                    density,
-                    distribution::HIGH,
-                    &format!("{id}-den{i}"),
-                )),
-                "",
-            );
-        }
-    });
-    let rows: Vec<Vec<Cell>> = latest
-        .densities
-        .iter()
-        .map(|density| {
-            let (name, unit, factor) = distribution::quantity(&density.quantity);
-            let shown =
-                |(mean, sd): (f64, f64)| Cell::Text(distribution::mean_and_sd(mean * factor, sd * factor));
-            vec![
-                Cell::Text(format!("{name} [{unit}]")),
-                shown(density.prior_mean_sd),
-                shown(density.posterior_mean_sd),
-            ]
-        })
-        .collect();
-    let caption = format!(
-        "Mean \u{b1} standard deviation, record of {}, {:.0} s at {} Hz, seed {}.",
-        moment(latest.start),
-        latest.duration_s,
-        significant(latest.fs_hz),
-        latest.seed
-    );
-    table(
-        html,
-        &caption,
-        &["Quantity", "Before (prior)", "After (posterior)"],
-        &rows,
-    );
-    if let Some(shares) = &latest.hangs_on {
-        hangs_on(html, shares);
-    }
-}
-
-/// Sentences on the sources of the force's variance, and their table.
-fn hangs_on(html: &mut Markup, shares: &VarianceShares) {
-    html.leaf("h3", &[], "What the force hangs on");
-    sentences(html, shares);
-    sources(
-        html,
-        shares,
-        "Shares of the variance of the absolute force; they add up to all of it. The last column is the part that would vanish if this source were known exactly: sources \
-         that the frequencies tie together overlap there.",
-    );
-}
-
-/// Sentences on the sources of the force's variance.
-pub(super) fn sentences(html: &mut Markup, shares: &VarianceShares) {
-    for sentence in &shares.said {
-        html.leaf("p", &[("class", "about")], format!("{sentence}."));
-    }
-}
-
-/// Table of the sources of the force's variance.
-pub(super) fn sources(html: &mut Markup, shares: &VarianceShares, caption: &str) {
-    let percent = |share: f64| Cell::Line(format!("{:.0} %", 100.0 * share));
-    let rows: Vec<Vec<Cell>> = shares
-        .sources
-        .iter()
-        .map(|part| {
-            vec![
-                Cell::Text(part.source.name().to_owned()),
-                percent(part.share),
-                percent(part.if_known),
-            ]
-        })
-        .collect();
-    table(html, caption, &["Source", "Share", "Less if known"], &rows);
 }
 
 /// The latest spectrum with its resonances, the baseline's first behind it.
@@ -440,69 +235,6 @@ fn motion_and_labels(record: &Snapshot) -> Option<String> {
         )
     });
     Some(format!("The record shows {motion}.{probability}"))
-}
-
-/// The latest refused record: the reason, and its figures.
-pub(super) fn latest_refused(html: &mut Markup, rod: &RodReport, id: &str) {
-    let Some(record) = &rod.refused else { return };
-    html.leaf("h3", &[], "The latest refused record");
-    refused_said(html, rod, record, id);
-    refused_samples(html, rod, record, id);
-}
-
-/// A refused record: the reason, the assignments considered, its spectrum.
-pub(super) fn refused_said(html: &mut Markup, rod: &RodReport, record: &Snapshot, id: &str) {
-    if let Some(reason) = &record.rejection {
-        html.element("p", &[], |p| {
-            p.leaf(
-                "span",
-                &[("class", "nowrap")],
-                format!("{}: ", moment(record.start)),
-            );
-            p.text(format!(
-                "{} ({}).",
-                reason.message.trim_end_matches('.'),
-                reason.code
-            ));
-        });
-    }
-    record::candidates(html, &record.candidates);
-    let of = refused_of(rod);
-    figure(
-        html,
-        drawn_refused(rod, record, &of).spectrum(&format!("{id}-refspec")),
-        "Its spectrum with every peak that was found; none of them was believed to be a mode of the rod.",
-    );
-}
-
-/// Waveform and peaks of a refused record.
-pub(super) fn refused_samples(html: &mut Markup, rod: &RodReport, record: &Snapshot, id: &str) {
-    let words = record.motion.as_ref().map_or_else(
-        || "Its waveform.".to_owned(),
-        |motion| format!("Its waveform: {}.", motion_said(motion)),
-    );
-    let of = refused_of(rod);
-    figure(
-        html,
-        drawn_refused(rod, record, &of).waveform(&format!("{id}-refwave")),
-        &words,
-    );
-    record::peaks(html, record);
-}
-
-fn refused_of(rod: &RodReport) -> String {
-    format!("the latest refused record of rod {}", rod.rod)
-}
-
-fn drawn_refused<'s>(rod: &'s RodReport, record: &'s Snapshot, of: &'s str) -> Drawn<'s> {
-    Drawn {
-        record,
-        key: format!("refused record, {}", day(record.start)),
-        earlier: None,
-        unit: rod.motion_unit.as_deref(),
-        of,
-        height: record::FULL,
-    }
 }
 
 fn tables(html: &mut Markup, rod: &RodReport, id: &str) {
@@ -579,32 +311,9 @@ fn tables(html: &mut Markup, rod: &RodReport, id: &str) {
         );
     }
     if !rod.rejections.is_empty() {
-        rejections(html, rod);
+        refused::by_reason(html, rod);
     }
-    latest_refused(html, rod, id);
-}
-
-/// Refused records by reason.
-pub(super) fn rejections(html: &mut Markup, rod: &RodReport) {
-    html.leaf("h3", &[], "Refused records");
-    let rows: Vec<Vec<Cell>> = rod
-        .rejections
-        .iter()
-        .map(|rejection| {
-            vec![
-                Cell::Line(rejection.code.clone()),
-                Cell::Text(rejection.count.to_string()),
-                Cell::Line(rejection.last.map_or_else(|| "time unknown".to_owned(), moment)),
-                Cell::Text(rejection.message.clone()),
-            ]
-        })
-        .collect();
-    table(
-        html,
-        "Records that gave no force, by reason.",
-        &["Reason", "Records", "Last", "Said the last time"],
-        &rows,
-    );
+    refused::latest(html, rod, id);
 }
 
 fn alarm_row(alarm: &Alarm) -> Vec<Cell> {
@@ -649,65 +358,4 @@ fn alarm_row(alarm: &Alarm) -> Vec<Cell> {
             None => alarm.message.clone(),
         }),
     ]
-}
-
-/// A table with its caption, scrollable on a narrow screen.
-pub(super) fn table(html: &mut Markup, caption: &str, header: &[&str], rows: &[Vec<Cell>]) {
-    html.element("div", &[("class", "scroll"), ("tabindex", "0")], |div| {
-        div.element("table", &[], |table| {
-            table.leaf("caption", &[], caption);
-            table.element("thead", &[], |head| {
-                head.element("tr", &[], |row| {
-                    for name in header {
-                        row.leaf("th", &[("scope", "col")], name);
-                    }
-                });
-            });
-            table.element("tbody", &[], |body| {
-                for cells in rows {
-                    body.element("tr", &[], |row| cells.iter().for_each(|cell| write(row, cell)));
-                }
-            });
-        });
-    });
-}
-
-fn write(row: &mut Markup, cell: &Cell) {
-    match cell {
-        Cell::Text(text) => row.leaf("td", &[], text),
-        Cell::Line(text) => row.leaf("td", &[("class", "nowrap")], text),
-        Cell::Value(text) => row.element("td", &[], |td| {
-            for (i, part) in parts(text).iter().enumerate() {
-                if i > 0 {
-                    td.text(" ");
-                }
-                td.leaf("span", &[("class", "nowrap")], part);
-            }
-        }),
-        Cell::State(class, text) => row.element("td", &[], |td| {
-            td.leaf("span", &[("class", &format!("state {class}"))], text);
-        }),
-        Cell::Link(to, text) => row.element("td", &[("class", "nowrap")], |td| {
-            td.leaf("a", &[("href", to)], text);
-        }),
-    }
-}
-
-/// Splits a value from its interval, temperature or time.
-fn parts(text: &str) -> Vec<&str> {
-    let mut parts = Vec::new();
-    let mut rest = text;
-    // The first character is never a break, so that every part is shorter than the rest.
-    while let Some(place) = [" [", " at ", " since ", ", ", "; "]
-        .iter()
-        .filter_map(|mark| rest.find(mark))
-        .filter(|place| *place > 0)
-        .min()
-    {
-        let place = place + usize::from(!rest[place..].starts_with(' '));
-        parts.push(&rest[..place]);
-        rest = rest[place..].trim_start();
-    }
-    parts.push(rest);
-    parts
 }

@@ -3,11 +3,13 @@
 
 use super::axis::minus;
 use super::distribution::{self, mean_and_sd, significant};
+use super::figure::figure;
 use super::markup::Markup;
 use super::page::{moment, state_text};
 use super::record::{self, Drawn};
-use super::rod::{self, Cell, figure, table};
+use super::table::{Cell, table};
 use super::view::{RecordPoint, RodReport};
+use super::{learned, refused, rod};
 use crate::analysis::findings::{Doubt, motion_said};
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::Timestamp;
@@ -44,7 +46,7 @@ pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str, provenance: 
         );
         match (rod.shown(), &rod.refused) {
             (Some(latest), _) => evidence(annex, rod, latest, id),
-            (None, Some(record)) => rod::refused_samples(annex, rod, record, id),
+            (None, Some(record)) => refused::samples(annex, rod, record, id),
             (None, None) => {}
         }
     });
@@ -59,7 +61,7 @@ fn measured(html: &mut Markup, rod: &RodReport, only: &RecordPoint, id: &str) {
     html.element("div", &[("class", "pair")], |pair| {
         frequencies(pair, latest);
         if let Some(shares) = shares {
-            rod::sources(pair, shares, "What the force hangs on: shares of its variance.");
+            learned::sources(pair, shares, "What the force hangs on: shares of its variance.");
         }
     });
     let of = format!("rod {}", rod.rod);
@@ -85,7 +87,7 @@ fn measured(html: &mut Markup, rod: &RodReport, only: &RecordPoint, id: &str) {
                 "Grey: the force before; blue: after the measurement.",
             );
             if let Some(shares) = shares {
-                rod::sentences(div, shares);
+                learned::sentences(div, shares);
             }
             if only.doubts.contains(&Doubt::Orders) {
                 let some = latest.candidates.get(..ON_SHEET);
@@ -109,10 +111,10 @@ fn evidence(html: &mut Markup, rod: &RodReport, latest: &Snapshot, id: &str) {
     );
     record::peaks(html, latest);
     record::candidates(html, &latest.candidates);
-    rod::taught(html, rod, latest, id);
+    learned::section(html, rod, latest, id);
     if !rod.rejections.is_empty() {
-        rod::rejections(html, rod);
-        rod::latest_refused(html, rod, id);
+        refused::by_reason(html, rod);
+        refused::latest(html, rod, id);
     }
 }
 
@@ -124,7 +126,7 @@ fn refused(html: &mut Markup, rod: &RodReport, id: &str) {
     });
     let Some(record) = &rod.refused else { return };
     facts(html, rod, record.start, None, Some(record));
-    rod::refused_said(html, rod, record, id);
+    refused::reason(html, rod, record, id);
 }
 
 /// Facts as a list.

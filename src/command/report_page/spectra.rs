@@ -1,9 +1,9 @@
 //! The spectra of records without a rod: one self-contained page, `tirante spectrum --html`.
 
+use super::figure::figure;
 use super::markup::Markup;
 use super::page::{counted, document};
 use super::record::{self, Drawn};
-use super::rod::figure;
 use super::single::began;
 use super::view::SpectrumReport;
 use crate::analysis::findings::motion_said;

@@ -5,10 +5,10 @@ mod figures;
 
 use super::axis::{self, minus};
 use super::distribution::quantity;
-use super::figure::Figure;
+use super::figure::{Figure, figure};
 use super::markup::Markup;
 use super::page::document;
-use super::rod::{self, Cell};
+use super::table::{Cell, table};
 use crate::analysis::lab::study::density::Grid;
 use crate::analysis::lab::study::estimate::{CLOSE, Comparison, DISAGREE, Estimate};
 use crate::analysis::lab::study::paper::{self, INFERRED};
@@ -18,7 +18,7 @@ use crate::analysis::lab::study::table2::{Column, Sampler};
 use crate::analysis::lab::study::verdict::Verdict;
 use crate::analysis::lab::study::{Part, Study, reasons};
 use beyond::{beyond, emulators, sensitivity};
-use figures::{COLOURS, case_figure, densities, figure, figure_8, traces};
+use figures::{COLOURS, case_figure, densities, figure_8, traces};
 
 /// The page of a study. The same study gives the same bytes.
 pub fn study(study: &Study) -> String {
@@ -64,7 +64,7 @@ fn overview(main: &mut Markup, study: &Study) {
     let mut header = vec!["Column or row of the paper"];
     header.extend(study.parts.iter().map(|part| part.setting.key()));
     let caption = format!("Printed figures within {DISAGREE} standard errors of ours.");
-    rod::table(main, &caption, &header, &rows);
+    table(main, &caption, &header, &rows);
     for part in &study.parts {
         let text = format!("{}: {}.", part.setting.key(), part.setting.about());
         main.leaf("p", &[("class", "about")], text);
@@ -92,7 +92,7 @@ fn overview(main: &mut Markup, study: &Study) {
          figure is larger than another by {DISAGREE} standard errors of our means, and within them the statement is open.",
         100.0 * CLOSE
     );
-    rod::table(
+    table(
         main,
         &caption,
         &["Statement", "Who says it", "Verdict", "Figures"],
@@ -172,7 +172,7 @@ fn setting(main: &mut Markup, part: &Part) {
             cells
         })
         .collect();
-    rod::table(
+    table(
         main,
         "Posterior means with the first one to five frequencies.",
         &header,
@@ -235,7 +235,7 @@ fn table_2(main: &mut Markup, setting: Setting, column: &Column) {
         })
         .collect();
     let caption = format!("{}, {} runs.", column.which.name(), column.runs.len());
-    rod::table(
+    table(
         main,
         &caption,
         &["Quantity", "Statistic", "Paper", "Ours", "Difference"],
@@ -376,7 +376,7 @@ fn predictive(main: &mut Markup, part: &Part) {
         "Predictive p-value",
         "RMS residuals of modes 1 to 3 [Hz]",
     ];
-    rod::table(main, "Observed f3/f1: 2.950.", &header, &rows);
+    table(main, "Observed f3/f1: 2.950.", &header, &rows);
 }
 
 fn provenance(footer: &mut Markup, study: &Study) {

@@ -133,17 +133,11 @@ impl Looker {
                 flags: Vec::new(),
                 rejection: Some(rejection.clone()),
                 picture: Snapshot::of_rejected(&Rejected {
-                    rod,
                     start,
                     duration_s: Some(duration_s),
                     fs_hz,
-                    identity: None,
-                    readings: Vec::new(),
-                    rejection,
-                    measurement: None,
-                    labels: None,
                     waveform,
-                    sensors: None,
+                    ..Rejected::new(rod, rejection)
                 }),
                 axial_force_n: None,
                 conflict: None,
@@ -204,17 +198,11 @@ impl Looker {
             Err(rejection) => {
                 look.band_hz = None;
                 look.picture = Snapshot::of_rejected(&Rejected {
-                    rod: record.rod.clone(),
                     start: Some(record.start),
                     duration_s: Some(duration_s),
                     fs_hz: Some(record.fs_hz),
-                    identity: None,
-                    readings: Vec::new(),
-                    rejection: rejection.clone(),
-                    measurement: None,
-                    labels: None,
                     waveform: Some(Envelope::of(&record.samples, record.fs_hz)),
-                    sensors: None,
+                    ..Rejected::new(record.rod.clone(), rejection.clone())
                 });
                 look.rejection = Some(rejection);
             }

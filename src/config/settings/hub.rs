@@ -23,6 +23,15 @@ pub struct PostgresSettings {
     pub ca: Option<CredentialPath>,
 }
 
+/// Copies of the rows of sites whose pages are looked at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CopiesSettings {
+    /// Folder for them.
+    pub path: PathBuf,
+    /// Age of the oldest records in them \[s\].
+    pub shown_s: f64,
+}
+
 /// A site on the list.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SiteSettings {

@@ -11,9 +11,6 @@ use std::io::Read;
 const LONGEST: usize = 1 << 16;
 /// Most channels.
 const CHANNELS: usize = 4096;
-/// Number of bytes read at once; a multiple of every integer's size.
-const BLOCK: usize = 3 << 14;
-
 /// Reads an array: its longest dimension is time, each index of the others a channel, named as NumPy would
 /// index it.
 ///
@@ -31,34 +28,22 @@ pub fn read(mut from: impl Read) -> Result<Vec<Signal>, ImportError> {
             values: Vec::new(),
         })
         .collect();
-    let mut left = layout.numbers() * header.kind.size();
     let mut place = 0;
-    let mut block = Vec::new();
-    while left > 0 {
-        block.clear();
-        from.by_ref()
-            .take(left.min(BLOCK) as u64)
-            .read_to_end(&mut block)
-            .map_err(|error| ImportError::unreadable(&error))?;
-        if block.len() < left.min(BLOCK) {
-            return Err(ImportError::new(format!(
-                "ends after {} of {} numbers: it is cut short",
-                place + block.len() / header.kind.size(),
-                layout.numbers()
-            )));
+    let push = |value| {
+        // In either order the samples of one channel come in the order of time.
+        if let Some(signal) = signals.get_mut(layout.channel(place)) {
+            signal.values.push(value);
         }
-        left -= block.len();
-        let push = |value| {
-            // In either order the samples of one channel come in the order of time.
-            if let Some(signal) = signals.get_mut(layout.channel(place)) {
-                signal.values.push(value);
-            }
-            place += 1;
-        };
-        header
-            .kind
-            .each(&block, header.is_little, push)
-            .map_err(|error| ImportError::new(error.to_string()))?;
+        place += 1;
+    };
+    let read = header
+        .kind
+        .read(&mut from, layout.numbers(), header.is_little, push)?;
+    if read < layout.numbers() {
+        return Err(ImportError::new(format!(
+            "ends after {read} of {} numbers: it is cut short",
+            layout.numbers()
+        )));
     }
     if from
         .read(&mut [0])

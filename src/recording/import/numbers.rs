@@ -1,5 +1,11 @@
 //! Converts numbers of binary files to doubles.
 
+use super::ImportError;
+use std::io::Read;
+
+/// Number of bytes read at once; a multiple of every number's size.
+const BLOCK: usize = 3 << 14;
+
 /// Kind of a stored number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
@@ -28,6 +34,32 @@ impl std::fmt::Display for Inexact {
 }
 
 impl Kind {
+    /// Reads up to `count` numbers; returns how many there were.
+    pub(super) fn read(
+        self,
+        mut from: impl Read,
+        count: usize,
+        is_little: bool,
+        mut each: impl FnMut(f64),
+    ) -> Result<usize, ImportError> {
+        let mut left = count * self.size();
+        let mut block = Vec::new();
+        while left > 0 {
+            block.clear();
+            from.by_ref()
+                .take(left.min(BLOCK) as u64)
+                .read_to_end(&mut block)
+                .map_err(|error| ImportError::unreadable(&error))?;
+            if block.len() < left.min(BLOCK) {
+                return Ok(count - (left - block.len()).div_ceil(self.size()));
+            }
+            left -= block.len();
+            self.each(&block, is_little, &mut each)
+                .map_err(|error| ImportError::new(error.to_string()))?;
+        }
+        Ok(count)
+    }
+
     /// Size of one number \[bytes\].
     pub(super) fn size(self) -> usize {
         match self {

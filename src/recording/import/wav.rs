@@ -4,8 +4,6 @@ use super::numbers::Kind;
 use super::{ImportError, MOST_VALUES, Signal, Timing};
 use std::io::Read;
 
-/// Number of bytes read at once; a multiple of every integer's size.
-const BLOCK: usize = 3 << 14;
 /// The longest format chunk read \[bytes\]; the longest in use has 40.
 const LONGEST: u32 = 1 << 12;
 /// Most channels.
@@ -49,28 +47,16 @@ pub fn read(mut from: impl Read, full_scale: f64) -> Result<Vec<Signal>, ImportE
         return Err(ImportError::too_long());
     }
     let mut values: Vec<Vec<f64>> = vec![Vec::new(); format.channels];
-    let (mut place, mut left) = (0, frames * frame);
-    let mut block = Vec::new();
-    while left > 0 {
-        block.clear();
-        from.by_ref()
-            .take(left.min(BLOCK) as u64)
-            .read_to_end(&mut block)
-            .map_err(|error| ImportError::unreadable(&error))?;
-        if block.len() < left.min(BLOCK) {
-            return Err(cut_short());
+    let mut place = 0;
+    let push = |value: f64| {
+        if let Some(channel) = values.get_mut(place % format.channels) {
+            channel.push((value - format.middle) / format.most * full_scale);
         }
-        left -= block.len();
-        let push = |value: f64| {
-            if let Some(channel) = values.get_mut(place % format.channels) {
-                channel.push((value - format.middle) / format.most * full_scale);
-            }
-            place += 1;
-        };
-        format
-            .kind
-            .each(&block, true, push)
-            .map_err(|error| ImportError::new(error.to_string()))?;
+        place += 1;
+    };
+    let numbers = frames * format.channels;
+    if format.kind.read(&mut from, numbers, true, push)? < numbers {
+        return Err(cut_short());
     }
     // A size that was not brought up to date leaves samples behind the chunk, where another chunk's name belongs.
     pass(&mut from, u64::from(bytes % 2)).ok();

@@ -9,6 +9,8 @@ use std::io::{self, Read, Seek};
 /// A file that is read in steps.
 pub(super) struct FileReader<R> {
     checking: Option<(R, Check)>,
+    /// A file without a checksum whose order is not known yet: its indices are read as a step.
+    unordered: Option<R>,
     /// `None` until the checksum is verified.
     reader: Option<Box<Reader<InOrder<R>>>>,
     places: Places,
@@ -37,7 +39,7 @@ impl<R: Read + Seek> FileReader<R> {
         let mut file = Self::empty(Some(sampled));
         match Check::begin(&mut input)? {
             Some(check) => file.checking = Some((input, check)),
-            None => file.begin(input, Trust::Unverified)?,
+            None => file.unordered = Some(input),
         }
         Ok(file)
     }
@@ -57,6 +59,7 @@ impl<R: Read + Seek> FileReader<R> {
     fn empty(by_time: Option<Vec<String>>) -> Self {
         Self {
             checking: None,
+            unordered: None,
             reader: None,
             places: Places::default(),
             by_time,
@@ -91,14 +94,17 @@ impl<R: Read + Seek> FileReader<R> {
 
     /// Verifies the whole checksum, if there is one.
     pub fn check(&mut self) -> io::Result<()> {
-        while self.checking.is_some() {
+        while self.checking.is_some() || self.unordered.is_some() {
             self.check_on()?;
         }
         Ok(())
     }
 
-    /// Takes one step of verifying the checksum.
+    /// Takes one step of verifying the checksum, or finds the order of a file without one.
     fn check_on(&mut self) -> io::Result<()> {
+        if let Some(input) = self.unordered.take() {
+            return self.begin(input, Trust::Unverified);
+        }
         if let Some((input, check)) = &mut self.checking
             && let Some(trust) = check.step(input)?
             && let Some((input, _)) = self.checking.take()

@@ -32,7 +32,7 @@ struct Moved {
     /// Pieces before the messages that come next.
     pieces: VecDeque<Piece>,
     merge: Merge,
-    /// What stands behind the chunks.
+    /// Records behind the chunks.
     tail: Option<Piece>,
     /// Bytes left of the piece of the file under way.
     left: u64,

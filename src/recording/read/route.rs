@@ -61,6 +61,8 @@ pub(super) struct Router {
     counts: Vec<Count>,
     /// True if a record ends with its file.
     ends_with_file: bool,
+    /// True if a fault of the message that is read in pieces is counted.
+    is_faulty: bool,
     ahead: Ahead,
     /// Log time of the latest message that a rod took \[ns\].
     at: Option<u64>,
@@ -132,6 +134,7 @@ impl Router {
             counts: vec![Count::default(); rods.len()],
             rods,
             ends_with_file: false,
+            is_faulty: false,
             ahead: Ahead::default(),
             at: None,
             most: HELD,
@@ -224,6 +227,7 @@ impl Router {
             file,
             listener,
             at,
+            is_faulty,
             ..
         } = self;
         let Some(listed) = channels.get(usize::from(message.channel)) else {
@@ -300,8 +304,9 @@ impl Router {
             scratch.clear();
             scratch.shrink_to(SCRATCH);
         }
+        *is_faulty &= from > 0;
         if let Some(fault) = fault {
-            summary.undecodable += 1;
+            summary.undecodable += u64::from(!std::mem::replace(is_faulty, true));
             summary.fault.get_or_insert_with(|| fault.to_string());
         }
         // At once, not at the end of a chunk: the progress of the other rods at that moment must not depend on the chunks of a file.

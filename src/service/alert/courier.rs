@@ -381,10 +381,15 @@ impl Courier {
                 .filter(|news| news.event.what == alarm::What::Raised);
             later.extend(raised.map(|news| news.event.alarm.id));
         }
-        let later_notices = reader.notices_after(place.notices, BATCH)?;
-        later.extend(later_notices.into_iter().map(|notice| notice.condition));
+        let mut number = place.notices;
+        loop {
+            let notices = reader.notices_after(number, BATCH)?;
+            let Some(last) = notices.last() else { break };
+            number = last.number;
+            later.extend(notices.into_iter().map(|notice| notice.condition));
+        }
         let mut standing = self.messages_of_standing(reader)?;
-        standing.retain(|message| !later.contains(&message.alarm));
+        standing.retain(|message| !later.contains(&message.conversation()));
         Ok(standing.into())
     }
 

@@ -10,7 +10,9 @@ use crate::analysis::signal::record::Timestamp;
 use crate::config::settings::alert::{AlertSettings, SinkKind, SinkSettings};
 use crate::service::telemetry::{Fault, Telemetry};
 use crate::site::clock;
+use crate::site::ordered_map::message_of;
 use crate::site::store::ConditionEvent;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
@@ -222,8 +224,16 @@ impl Couriers {
             telemetry: self.telemetry.clone(),
         };
         let mut courier = Courier::new(errand, self.pace, place, Arc::clone(&signal));
+        let (name, health) = (id.clone(), Arc::clone(&self.telemetry.health));
         let spawned = thread::Builder::new().name(format!("sink {id}")).spawn(move || {
-            courier.run();
+            // Nobody else would miss it: its alarms wait, and the daemon is well.
+            if let Err(panic) = catch_unwind(AssertUnwindSafe(|| courier.run())) {
+                let detail = format!(
+                    "sink {name}: the program broke, please report it: {}; its alarms wait until the daemon is started anew",
+                    message_of(&*panic)
+                );
+                health.hold(Fault::Sink, &name, detail);
+            }
             drop(ending);
         });
         if let Err(error) = spawned {

@@ -98,6 +98,7 @@ impl Live {
         };
         let resume_s = config.ingest.resume_s;
         let around = Around {
+            beat: telemetry.beats.of("journal"),
             health: Arc::clone(health),
             halted,
             vouch: Box::new(vouch(store)),
@@ -118,11 +119,19 @@ impl Live {
                 Arc::clone(health),
                 counts,
             )?;
-            let sender = sender.clone();
+            let (sender, stop) = (sender.clone(), stopped.clone());
+            let serving = runtime.spawn(ingest::serve(bound.ingest, server, stopped));
             live.serving = Some(runtime.spawn(async move {
-                if let Err(error) = ingest::serve(bound.ingest, server, stopped).await {
-                    let _ = sender.send(LifecycleEvent::Failed(error.into()));
-                }
+                let error = match serving.await {
+                    Ok(Ok(())) if *stop.borrow() => return,
+                    Ok(Ok(())) => anyhow::anyhow!("the sockets closed by themselves"),
+                    Ok(Err(error)) => error.into(),
+                    Err(broken) => {
+                        anyhow::anyhow!("the sockets: the program broke, please report it: {broken}")
+                    }
+                };
+                // A daemon that stops does not listen any more.
+                let _ = sender.send(LifecycleEvent::Failed(error));
             }));
         }
         live.journal = Some((journal, folder));

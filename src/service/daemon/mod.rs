@@ -22,9 +22,11 @@ mod running;
 mod signals;
 mod silence;
 pub mod steps;
+pub mod supervision;
 pub mod trial;
 mod vigil;
 mod wall_clock;
+
 mod workers;
 
 use crate::site::prepared::Generation;

@@ -5,14 +5,15 @@
 
 use super::folder::Folder;
 pub use super::remembered::{JOURNAL, Remembered};
-use super::steps::{Guard, Watch};
+use super::steps::Guard;
+use super::supervision::{Standing, Watch};
 use super::trial::Input;
 use crate::analysis::signal::record::{Event, RodChannels};
 use crate::recording::part;
 use crate::recording::read::Place;
 use crate::recording::read::{PartEnd, Series, Step};
 use crate::service::journal::{self, Bell};
-use crate::service::telemetry::{Fault, Health};
+use crate::service::telemetry::{Beat, Fault, Health};
 use crate::service::viewer::Signals;
 use crate::site::driver::{Job, Loads};
 use crate::site::prepared::Generation;
@@ -68,8 +69,12 @@ pub struct Surroundings {
     pub bell: Arc<Bell>,
     /// True if no present data waits to be read; false again while finished recordings do.
     pub caught_up: Arc<AtomicBool>,
+    /// Share of its events in the pipeline.
+    pub loads: Loads,
+    /// Its own beat: a step that never ends, or a disk that does not answer, is seen by it.
+    pub beat: Arc<Beat>,
     /// Notes the step it works on.
-    pub watch: Watch,
+    pub watch: Box<dyn Watch>,
 }
 
 /// The reader's thread.
@@ -116,6 +121,12 @@ impl Reader {
         self.bell.ring();
     }
 
+    /// Asks it to stop; what it waits for is waited for by [`Reader::stop`].
+    pub fn ask_to_stop(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.bell.ring();
+    }
+
     /// Stops, without finishing anything.
     pub fn stop(mut self) {
         self.halt();
@@ -127,8 +138,7 @@ impl Reader {
     }
 
     fn halt(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        self.bell.ring();
+        self.ask_to_stop();
         if let Some(thread) = self.thread.take() {
             // A panic there has already been reported by the panic hook.
             let _ = thread.join();
@@ -151,7 +161,6 @@ struct Work {
     /// Time of the last event sent, and of the last report that there is no more to read.
     last_event: Option<Instant>,
     last_look: Option<Instant>,
-    loads: Loads,
     around: Surroundings,
     stop: Arc<AtomicBool>,
 }
@@ -227,7 +236,6 @@ impl Work {
             waiting: None,
             last_event: None,
             last_look: None,
-            loads: Loads::default(),
             around,
             stop,
         }
@@ -262,6 +270,7 @@ impl Work {
 
     /// Takes one step of every source; returns true if there was any data.
     fn turn(&mut self, reloads: &Receiver<Arc<Generation>>) -> Result<bool, Stopped> {
+        self.around.beat.pass();
         while let Ok(generation) = reloads.try_recv() {
             self.reload(generation)?;
         }
@@ -280,38 +289,50 @@ impl Work {
     }
 
     /// Sends a job; waits while the queue is full.
-    fn send(&self, mut job: Job) -> Result<(), Stopped> {
-        loop {
-            match self.around.jobs.try_send(job) {
-                Ok(()) => return Ok(()),
-                Err(TrySendError::Disconnected(_)) => return Err(Stopped),
-                Err(TrySendError::Full(back)) => job = back,
+    fn send(&self, job: Job) -> Result<(), Stopped> {
+        let mut waiting = Some(job);
+        self.until(|| match self.around.jobs.try_send(waiting.take()?) {
+            Ok(()) => Some(Ok(())),
+            Err(TrySendError::Disconnected(_)) => Some(Err(Stopped)),
+            Err(TrySendError::Full(back)) => {
+                waiting = Some(back);
+                None
             }
-            if self.stop.load(Ordering::Relaxed) {
-                return Err(Stopped);
-            }
-            thread::sleep(PUSH_BACK);
-        }
+        })?
     }
 
     fn send_event(&mut self, event: Event, place: Place) -> Result<(), Stopped> {
+        let standing = self.around.watch.event(&event);
+        if standing == Standing::Stopped {
+            return Err(Stopped);
+        }
         self.last_event = Some(Instant::now());
         let samples = event.samples();
-        let load = loop {
-            if let Some(load) = self.loads.take(samples) {
-                break load;
-            }
-            if self.stop.load(Ordering::Relaxed) {
-                return Err(Stopped);
-            }
-            thread::sleep(PUSH_BACK);
-        };
+        let load = self.until(|| self.around.loads.take(samples))?;
         self.send(Job::Event {
             event,
             place,
             plans: Arc::clone(&self.generation.plans),
             load: Some(load),
-        })
+        })?;
+        match standing {
+            Standing::Suspect => self.until(|| self.around.loads.are_none().then_some(())),
+            _ => Ok(()),
+        }
+    }
+
+    /// Waits for the pipeline, whose own beat is watched, until there is something.
+    fn until<T>(&self, mut found: impl FnMut() -> Option<T>) -> Result<T, Stopped> {
+        loop {
+            if let Some(found) = found() {
+                return Ok(found);
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                return Err(Stopped);
+            }
+            self.around.beat.pass();
+            thread::sleep(PUSH_BACK);
+        }
     }
 
     /// Log time up to which the journal is read \[ns since 1970\].
@@ -326,7 +347,11 @@ impl Work {
             return Ok(false);
         };
         let elsewhere = self.journal.as_ref().map_or(0, |lane| lane.series.held());
-        match folder.step(&mut self.around.watch, &self.stop, elsewhere) {
+        match folder.step(
+            &mut *self.around.watch,
+            (&self.stop, &self.around.beat),
+            elsewhere,
+        ) {
             Step::Wait | Step::End => return Ok(false),
             Step::More => {}
             Step::Event(event, place) => self.send_event(event, place)?,
@@ -347,7 +372,7 @@ impl Work {
         let around = &mut self.around;
         let step = lane
             .guard
-            .poll(&mut lane.series, &lane.input, &mut around.watch, &around.health);
+            .poll(&mut lane.series, &lane.input, &mut *around.watch, &around.health);
         match step {
             Step::Event(event, place) => self.send_event(event, place)?,
             Step::More => {}
@@ -387,7 +412,7 @@ impl Work {
             part,
             body,
         });
-        (self.around.watch.is_read)(&name);
+        self.around.watch.is_read(&name);
         let losses = match &end.result {
             Ok(summary) => summary.faults(),
             Err(error) => vec![error.to_string()],

@@ -5,7 +5,7 @@ use super::live::{Bound, Live};
 use super::pipe::{self, Ending, JOBS};
 use super::quarantine::Quarantine;
 use super::reader::{Reader, Remembered, Sources, Surroundings};
-use super::steps::Watch;
+use super::supervision::Watched;
 use super::trial::Trials;
 use super::workers::Workers;
 use super::{LifecycleEvent, Options, restart};
@@ -15,7 +15,7 @@ use crate::service::alert::Couriers;
 use crate::service::forward::{self, Forwarder, SINK};
 use crate::service::telemetry::{Fault, Telemetry};
 use crate::site::clock;
-use crate::site::driver::Job;
+use crate::site::driver::{Job, Loads};
 use crate::site::ordered_map::message_of;
 use crate::site::prepared::Generation;
 use crate::site::trackers::Site;
@@ -123,11 +123,12 @@ impl Running {
         let quarantine = Quarantine::open(&store)
             .with_context(|| format!("{}: what stands beside it cannot be read", store.display()))?;
         let quarantine = Arc::new(quarantine);
+        let reading = telemetry.beats.of("reader");
         let trials = Arc::new(Trials::new(
             options.program.clone(),
             store.clone(),
             generation.provenance().effective.to_owned(),
-            Arc::clone(&telemetry.beat),
+            Arc::clone(&reading),
         ));
         let remembered = Remembered::of(site.store())?;
         let health = &telemetry.health;
@@ -158,10 +159,10 @@ impl Running {
             config: options.config.clone(),
             telemetry: telemetry.clone(),
         };
+        let known = Arc::new(site.store().all_known().clone());
         let workers = Workers::new(
-            site.store().all_known().clone(),
+            Arc::clone(&known),
             Arc::clone(&quarantine),
-            Arc::clone(&trials),
             Arc::clone(&telemetry.metrics),
         );
         let ending = Ending::default();
@@ -182,7 +183,16 @@ impl Running {
             .unwrap_or_else(|| thread::available_parallelism().map_or(1, usize::from));
         work(core, receiver, workers, threads, ending.clone(), sender.clone())?;
 
-        let caught_up = Arc::<AtomicBool>::default();
+        let (caught_up, loads) = (Arc::<AtomicBool>::default(), Loads::default());
+        let watch = Box::new(Watched {
+            quarantine: Arc::clone(&quarantine),
+            trials: Arc::clone(&trials),
+            known,
+            loads: loads.clone(),
+            caught_up: Arc::clone(&caught_up),
+            beat: Arc::clone(&reading),
+            slot: quarantine.slot(),
+        });
         let sources = Sources {
             folder: config.ingest.folder.clone(),
             subfolders: config.ingest.subfolders,
@@ -198,7 +208,9 @@ impl Running {
                 health: Arc::clone(health),
                 bell: live.bell(),
                 caught_up: Arc::clone(&caught_up),
-                watch: Watch::of(&quarantine, &trials),
+                loads,
+                beat: reading,
+                watch,
             },
         )?;
         tick(jobs, caught_up)?;
@@ -252,12 +264,8 @@ impl Running {
     /// The core could not go on.
     pub fn drain(self, runtime: &Runtime, events: &Receiver<LifecycleEvent>) -> Result<(), CoreError> {
         let deadline = Instant::now() + DRAIN;
-        self.live.hang_up();
-        self.ending.drain.store(true, Ordering::Relaxed);
-        self.quarantine.stand_down();
-        // A lane whose trial is stopped must find that its reader stops, too.
+        self.end_reading();
         self.reader.stop();
-        self.trials.stop();
         self.live.stop(runtime);
         let result = loop {
             let left = deadline.saturating_duration_since(Instant::now());
@@ -276,12 +284,19 @@ impl Running {
         result
     }
 
-    /// Ends the rest after the work loop, or another necessary thread, ended by itself; every sink is told.
-    pub fn abandon(self, runtime: &Runtime, why: &str) {
+    /// Asks everything before the core to stop. The reader is asked before a trial is ended, for which it waits: it must not go
+    /// on without the verdict.
+    fn end_reading(&self) {
         self.live.hang_up();
         self.ending.drain.store(true, Ordering::Relaxed);
+        self.reader.ask_to_stop();
         self.quarantine.stand_down();
         self.trials.stop();
+    }
+
+    /// Ends the rest after the work loop, or another necessary thread, ended by itself; every sink is told.
+    pub fn abandon(self, runtime: &Runtime, why: &str) {
+        self.end_reading();
         self.reader.stop();
         lock(&self.couriers).tell_end(why);
         self.live.stop(runtime);
@@ -361,7 +376,7 @@ fn hear(
         let metrics = &telemetry.metrics;
         match word {
             Notice::Alive => {
-                telemetry.beat.pass();
+                telemetry.beat();
                 gauges.show(metrics);
                 lock(&couriers).look_at_clock(clock::now());
             }

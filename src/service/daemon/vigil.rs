@@ -14,8 +14,10 @@ use std::time::{Duration, Instant};
 
 /// Interval at which the store records that a daemon is working.
 const ALIVE_EVERY: Duration = Duration::from_secs(300);
-/// Time for which the sources may be ahead of the analysis.
-const BEHIND: Duration = Duration::from_secs(900);
+/// Time for which the sources may be ahead of the analysis: once it had caught up, and after a start, when there may be an
+/// archive to read. No rod counts as silent meanwhile.
+const BEHIND: Duration = Duration::from_mins(15);
+const BEHIND_AT_START: Duration = Duration::from_hours(24);
 /// Subject of the condition of the clock.
 const CLOCK: &str = "clock";
 /// Largest age of a present record, and largest lead of its clock \[s\].
@@ -32,8 +34,33 @@ pub struct Vigil {
     /// Last time at which the store recorded that a daemon is working.
     alive: Option<Instant>,
     misnamed: Misnamed,
-    /// Time since which the sources are ahead of the analysis; `None` before the analysis first caught up.
-    behind: Option<Instant>,
+    lag: Lag,
+}
+
+/// Time for which the sources are ahead of the analysis.
+#[derive(Debug)]
+struct Lag {
+    since: Instant,
+    /// Longest such time that is nothing to be told.
+    patience: Duration,
+}
+
+impl Lag {
+    fn new(now: Instant) -> Self {
+        Self {
+            since: now,
+            patience: BEHIND_AT_START,
+        }
+    }
+
+    /// Returns the time of a lag that lasts too long \[h\].
+    fn look(&mut self, is_caught_up: bool, now: Instant) -> Option<f64> {
+        if is_caught_up {
+            (self.since, self.patience) = (now, BEHIND);
+        }
+        let lasts = now.saturating_duration_since(self.since);
+        (lasts >= self.patience).then_some(lasts.as_secs_f64() / 3600.0)
+    }
 }
 
 impl Vigil {
@@ -83,7 +110,7 @@ impl Vigil {
             clock,
             alive: None,
             misnamed: Misnamed::default(),
-            behind: None,
+            lag: Lag::new(now),
         };
         Ok((vigil, silent_from))
     }
@@ -101,16 +128,11 @@ impl Vigil {
             self.health.hold(Fault::Clock, CLOCK, detail);
             self.alive = None;
         }
-        match (is_caught_up, self.behind) {
-            (true, _) => {
-                self.behind = Some(now);
-                self.health.over(Fault::Behind, "sources");
-            }
-            (false, Some(since)) if now.saturating_duration_since(since) >= BEHIND => {
-                let detail = "for a quarter of an hour there has been more to read than is analysed";
-                self.health.hold(Fault::Behind, "sources", detail);
-            }
-            (false, _) => {}
+        if let Some(lasts_h) = self.lag.look(is_caught_up, now) {
+            let detail = format!("for {lasts_h:.2} h there has been more to read than is analysed");
+            self.health.hold(Fault::Behind, "sources", detail);
+        } else if is_caught_up {
+            self.health.over(Fault::Behind, "sources");
         }
         if let Some(site) = site {
             let unheard: Vec<&RodId> = site.unheard().collect();
@@ -172,6 +194,18 @@ fn stands_on(notice: &ConditionEvent, health: &Health) {
 mod tests {
     use super::*;
     use crate::site::store::Store;
+
+    #[test]
+    fn a_daemon_that_never_catches_up_is_behind_in_the_end() {
+        let begun = Instant::now();
+        let mut lag = Lag::new(begun);
+        assert_eq!(lag.look(false, begun + BEHIND_AT_START - BEHIND), None);
+        assert_eq!(lag.look(false, begun + BEHIND_AT_START), Some(24.0));
+        let now = begun + BEHIND_AT_START;
+        assert_eq!(lag.look(true, now), None);
+        assert_eq!(lag.look(false, now + BEHIND / 2), None);
+        assert_eq!(lag.look(false, now + BEHIND), Some(0.25));
+    }
 
     #[test]
     fn what_data_alone_can_end_outlasts_a_restart() {

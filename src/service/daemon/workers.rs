@@ -1,40 +1,30 @@
 //! Work of the pipeline's threads on a job: analyse events, with a mark of the present step.
 
-use super::quarantine::{LAST, Quarantine, Slot};
-use super::trial::{self, Trials, Verdict};
+use super::quarantine::{Ends, Quarantine, Slot, record_step};
 use crate::analysis::signal::record::{Event, Record, Rejection};
 use crate::recording::read::Place;
 use crate::service::telemetry::Metrics;
 use crate::site::analyse::{self, Analysed, Known};
 use crate::site::driver::{self, Done, Job};
-use crate::site::hex::hex;
 use crate::site::prepared::Plans;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread;
 use std::time::Instant;
 
 /// The pipeline's threads.
 pub struct Workers {
     /// Records in the store when the daemon started; later ones are found by the core.
-    known: Known,
+    known: Arc<Known>,
     quarantine: Arc<Quarantine>,
-    trials: Arc<Trials>,
     metrics: Arc<Metrics>,
     idle: Mutex<Vec<Slot>>,
 }
 
 impl Workers {
     /// Threads that skip the records in `known` and record their steps in `quarantine`.
-    pub fn new(
-        known: Known,
-        quarantine: Arc<Quarantine>,
-        trials: Arc<Trials>,
-        metrics: Arc<Metrics>,
-    ) -> Self {
+    pub fn new(known: Arc<Known>, quarantine: Arc<Quarantine>, metrics: Arc<Metrics>) -> Self {
         Self {
             known,
             quarantine,
-            trials,
             metrics,
             idle: Mutex::default(),
         }
@@ -62,34 +52,13 @@ impl Workers {
         let Some(record) = event.record().filter(|_| !is_known) else {
             return Done::Event(analyse::analyse(event, plans, &self.known), place);
         };
-        let name = step_of(record, &record.identity());
-        let deaths = self.quarantine.deaths(&name);
-        let set_aside = |deaths| {
-            let rejection = Rejection::Quarantined { deaths };
-            Done::Event(
-                quarantined(&event, record.clone(), rejection, plans),
-                place.clone(),
-            )
-        };
-        if deaths >= LAST {
-            return set_aside(deaths);
+        let step = record_step(record);
+        if let Some(ends) = self.quarantine.ends(&step).filter(Ends::is_too_many) {
+            let rejection = Rejection::Quarantined { deaths: ends.alone };
+            return Done::Event(quarantined(&event, record.clone(), rejection, plans), place);
         }
         let mut slot = self.idle().pop().unwrap_or_else(|| self.quarantine.slot());
-        slot.working_on(&name);
-        if deaths > 0 {
-            match self.trials.of_analysis(&name, &event) {
-                Verdict::Cleared => {}
-                // The daemon ends. The mark of its file is not written, so the record is taken at the next start.
-                Verdict::Stopped => loop {
-                    thread::park();
-                },
-                Verdict::Died { .. } => {
-                    slot.leave();
-                    self.idle().push(slot);
-                    return set_aside(deaths + trial::DEATHS);
-                }
-            }
-        }
+        slot.working_on(&step);
         let begun = Instant::now();
         let analysed = analyse::analyse(event, plans, &self.known);
         self.metrics.analysis(begun.elapsed());
@@ -116,17 +85,13 @@ fn quarantined(event: &Event, record: Record, rejection: Rejection, plans: &Plan
     Analysed::Record(Box::new(refused))
 }
 
-/// Name of a record's analysis in the [`Quarantine`].
-fn step_of(record: &Record, identity: &[u8; 32]) -> String {
-    format!("record {} of rod {}", hex(identity), record.rod)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::analysis::outcome::Outcome;
     use crate::analysis::signal::record::{Moment, Timestamp};
     use crate::config::Config;
+    use crate::service::daemon::quarantine::LAST;
     use crate::service::telemetry::Telemetry;
     use crate::site::prepared;
 
@@ -152,17 +117,11 @@ mod tests {
         let store = folder.path().join("site.db");
         for _ in 0..=LAST {
             let mut slot = Arc::new(Quarantine::open(&store).unwrap()).slot();
-            slot.working_on(&step_of(&record, &record.identity()));
+            slot.working_on(&record_step(&record));
             std::mem::forget(slot);
         }
         let quarantine = Arc::new(Quarantine::open(&store).unwrap());
-        let trials = Trials::new(None, store, String::new(), Arc::default());
-        let workers = Workers::new(
-            Known::new(),
-            quarantine,
-            Arc::new(trials),
-            Telemetry::default().metrics,
-        );
+        let workers = Workers::new(Arc::default(), quarantine, Telemetry::default().metrics);
         let job = Job::Event {
             event: Event::Moment(Moment {
                 rod,

@@ -39,6 +39,11 @@ pub enum Action {
         /// The configuration.
         text: String,
     },
+    /// Send commits again that the post has lost.
+    Resend {
+        /// First of them.
+        from: i64,
+    },
 }
 
 impl Action {
@@ -48,6 +53,7 @@ impl Action {
             Self::Acknowledge { alarm } => format!("acknowledge {alarm}"),
             Self::Rebaseline { rod } => format!("rebaseline {rod}"),
             Self::Configure { text } => format!("configure ({} bytes)", text.len()),
+            Self::Resend { from } => format!("resend {from}"),
         }
     }
 }

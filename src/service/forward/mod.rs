@@ -173,7 +173,7 @@ impl Worker {
         let settings = self.settings.clone();
         let mut session = Session::open(&settings, &reader, self.has_led).await?;
         loop {
-            self.beat(&session, &reader).await?;
+            self.beat(&mut session, &reader).await?;
             let latest = reader.latest_change()?;
             let waiting = latest - session.end().through;
             self.telemetry
@@ -200,7 +200,7 @@ impl Worker {
     }
 
     /// Sends a heartbeat if one is due. One that the post does not take ends no connection.
-    async fn beat(&mut self, session: &Session<'_>, reader: &Reader) -> Result<(), SessionError> {
+    async fn beat(&mut self, session: &mut Session<'_>, reader: &Reader) -> Result<(), SessionError> {
         if Instant::now() < self.beat_due {
             return Ok(());
         }
@@ -214,6 +214,10 @@ impl Worker {
                     health.hold(Fault::Forward, COMMANDS, detail);
                 }
                 Err(error) => return Err(error),
+            }
+            if let Some(from) = obedience.take_resend() {
+                tracing::info!("forward: commits from {from} on are sent again, as the centre asks");
+                session.go_back(from);
             }
         }
         let refused = self.obedience.as_ref().map(Obedience::refused);

@@ -31,6 +31,8 @@ pub struct Obedience {
     read: Option<u64>,
     /// Commands that were not carried out, by reason.
     refused: BTreeMap<String, u64>,
+    /// Commit from which on all are to be sent again.
+    resend: Option<i64>,
 }
 
 impl Obedience {
@@ -45,7 +47,13 @@ impl Obedience {
             offered: [config.with_file_name(&name), store.with_file_name(&name)],
             read: None,
             refused: BTreeMap::new(),
+            resend: None,
         }
+    }
+
+    /// Commit from which on all are to be sent again, once after a command said so.
+    pub fn take_resend(&mut self) -> Option<i64> {
+        self.resend.take()
     }
 
     /// Numbers of commands that were not carried out, by reason.
@@ -144,7 +152,7 @@ impl Obedience {
     }
 
     /// Looks up what an order needs, and what comes of it.
-    fn act(&self, order: &Order, reader: &Reader) -> Result<Result<Deed, Refusal>, StoreError> {
+    fn act(&mut self, order: &Order, reader: &Reader) -> Result<Result<Deed, Refusal>, StoreError> {
         let reason = format!("{} (centre, command {})", order.reason, order.number);
         let idle = |what: String| Ok(Err(Refusal::Idle(what)));
         match &order.action {
@@ -168,6 +176,15 @@ impl Obedience {
                 }
                 let asked = Asked::rebaseline(Some(&format!("{}: {reason}", order.by)));
                 Ok(Ok((Some((rod, asked)), "accepted".to_owned())))
+            }
+            Action::Resend { from } => {
+                let last = reader.latest_change()?;
+                if !(1..=last).contains(from) {
+                    return idle(format!("the store has commits 1 to {last}"));
+                }
+                self.resend = Some(*from);
+                // This answer is a commit of its own, after all of them.
+                Ok(Ok((None, format!("commits {from} to {last} were sent again"))))
             }
             Action::Configure { text } => {
                 if let Err(error) = Config::parse(text, "the offered configuration") {

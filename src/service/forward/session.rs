@@ -261,6 +261,11 @@ impl<'a> Session<'a> {
         Ok(Some(self.end.through))
     }
 
+    /// Goes back to a commit: it and all after it are sent again, behind what is there.
+    pub fn go_back(&mut self, to: i64) {
+        self.end.through = self.end.through.min(to - 1);
+    }
+
     /// Asks for the centre's open commands, and carries out what is new.
     ///
     /// # Errors

@@ -76,6 +76,11 @@ impl Api {
         self
     }
 
+    /// True while a page listens to events.
+    pub fn has_listeners(&self) -> bool {
+        self.listeners.available_permits() < live::LISTENERS
+    }
+
     /// Answers a query that needs the daily sums.
     async fn answer<T: Serialize + Send + 'static>(
         &self,

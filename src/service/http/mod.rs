@@ -25,6 +25,6 @@ mod viewer;
 
 pub use access::Access;
 pub use api::Api;
-pub use routes::routes;
+pub use routes::{documents, routes};
 pub use serve::{listen, serve};
 pub use shown::{Shown, Unanswered};

@@ -66,6 +66,7 @@ static ALARMS: LazyLock<Asset> = asset!(HTML, "alarms.html");
 static COMMON: LazyLock<Asset> = asset!(SCRIPT, "common.js");
 static SITE_SCRIPT: LazyLock<Asset> = asset!(SCRIPT, "site.js");
 static ROD_SCRIPT: LazyLock<Asset> = asset!(SCRIPT, "rod.js");
+static PLACE: LazyLock<Asset> = asset!(SCRIPT, "place.js");
 static ALARMS_SCRIPT: LazyLock<Asset> = asset!(SCRIPT, "alarms.js");
 static LATEST: LazyLock<Asset> = asset!(SCRIPT, "latest.js");
 static FIGURES: LazyLock<Asset> = asset!(SCRIPT, "figures.js");
@@ -82,6 +83,7 @@ pub fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
         .route("/rod", file(&ROD))
         .route("/alarms", file(&ALARMS))
         .route("/assets/common.js", file(&COMMON))
+        .route("/assets/place.js", file(&PLACE))
         .route("/assets/site.js", file(&SITE_SCRIPT))
         .route("/assets/rod.js", file(&ROD_SCRIPT))
         .route("/assets/alarms.js", file(&ALARMS_SCRIPT))

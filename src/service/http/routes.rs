@@ -76,6 +76,16 @@ pub fn routes(telemetry: Option<Telemetry>, api: Option<Api>) -> Router {
             .with_state(api);
         router = router.merge(site);
     }
+    closed(router)
+}
+
+/// Routes of the page's documents and files alone, which are the same for every store.
+pub fn documents() -> Router {
+    closed(page::routes())
+}
+
+/// Answers what no route has, and puts the guard before all of them.
+fn closed(router: Router) -> Router {
     let nothing = "there is nothing here; try /, /api/v1/openapi.json, /healthz, /readyz, /metrics\n";
     router
         .fallback(move |request: Request| async move {

@@ -28,14 +28,13 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Adds a row of a copied table.
+    /// Adds a row of a copied table, with the begin of its record or period and the commit that wrote it.
     pub fn put(
         &mut self,
         copied: &[Copied],
         table: usize,
-        site: &str,
-        store: i64,
-        start_ns: Option<i64>,
+        (site, store): (&str, i64),
+        (start_ns, commit): (Option<i64>, i64),
         row: Vec<Value>,
     ) {
         let Some(of) = copied.get(table) else { return };
@@ -57,6 +56,9 @@ impl Batch {
             self.months.insert(month);
             values.push(Value::Integer(month));
         }
+        if of.has_commit() {
+            values.push(Value::Integer(commit));
+        }
         values.extend(row);
         let size = |value: &Value| match value {
             Value::Text(text) => text.len(),
@@ -72,7 +74,8 @@ impl Batch {
         let is_of_rod = |values: &[Value]| {
             values.first() == Some(&Value::Text(site.to_owned()))
                 && values.get(1) == Some(&Value::Integer(store))
-                && values.get(2) == Some(&Value::Text(rod.to_owned()))
+                // After the commit.
+                && values.get(3) == Some(&Value::Text(rod.to_owned()))
         };
         self.rows.retain(|(table, _), values| {
             let name = copied.get(*table).map(|copied| copied.shape.table);

@@ -23,7 +23,7 @@ const KEPT: Duration = Duration::from_secs(7 * 86_400);
 /// Largest stream: the server keeps it in memory \[bytes\].
 const STREAM_BYTES: i64 = 64 << 20;
 /// Subject of the condition of heartbeats that are not heard.
-const ABOUT: &str = "heartbeats";
+const ABOUT: &str = "hub/heartbeats";
 /// Longest text of a heartbeat \[bytes\].
 const LONGEST: usize = 300;
 

@@ -3,12 +3,11 @@
 use super::batch::Batch;
 use super::centre::{History, Position, SiteState};
 use super::incoming::Incoming;
+use super::rows::Rows;
 use super::tables::{self, Copied};
 use super::text::fit;
 use crate::service::forward::message::{self, MessageError};
-use crate::site::store::{Change, FORGOTTEN, is_intact};
-use rusqlite::types::Value;
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Fault of a site of which commits are missing.
 pub const GAP: &str = "gap";
@@ -21,10 +20,8 @@ pub const NEWER: &str = "newer-format";
 /// Fault of a site that is not on the list.
 pub const UNLISTED: &str = "unlisted";
 
-/// Longest text in a key \[bytes\]: names are at most 255, and PostgreSQL's indices take some 2700 in a row.
-const LONGEST_KEY: usize = 600;
 /// Longest reason kept \[bytes\].
-const LONGEST_DETAIL: usize = 500;
+pub(super) const LONGEST_DETAIL: usize = 500;
 
 /// Result of a message.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -40,8 +37,7 @@ pub enum Judged {
 /// State of the fold: what is known of each site, ahead of the database by the batch under way.
 pub struct Fold {
     listed: BTreeSet<String>,
-    copied: Vec<Copied>,
-    places: HashMap<&'static str, usize>,
+    rows: Rows,
     sites: BTreeMap<String, SiteState>,
     overruled: BTreeMap<String, i64>,
 }
@@ -54,14 +50,9 @@ impl Fold {
         sites: BTreeMap<String, SiteState>,
         overruled: BTreeMap<String, i64>,
     ) -> Self {
-        let places = copied
-            .iter()
-            .enumerate()
-            .map(|(place, copied)| (copied.shape.table, place));
         Self {
-            places: places.collect(),
+            rows: Rows::of(copied),
             listed,
-            copied,
             sites,
             overruled,
         }
@@ -202,238 +193,32 @@ impl Fold {
             );
             return Err((GAP, detail));
         }
-        let rows = self
-            .rows(&changes, through)
-            .map_err(|detail| (UNREADABLE, detail))?;
+        let rows = self.rows.check(&changes, through);
+        let rows = rows.map_err(|detail| (UNREADABLE, detail))?;
         if label.last > through {
             history.through = label.last;
             history.sequence = message.sequence;
         }
+        for row in &rows {
+            history.latest_ns = history
+                .latest_ns
+                .max(row.begin_of_record(&self.rows).unwrap_or(0));
+        }
         for row in rows {
-            match row {
-                Taken::Row(table, start_ns, values) => {
-                    if self
-                        .copied
-                        .get(table)
-                        .is_some_and(|copied| copied.shape.table == "record")
-                    {
-                        history.latest_ns = history.latest_ns.max(start_ns.unwrap_or(0));
-                    }
-                    batch.put(&self.copied, table, site, history.store, start_ns, values);
-                }
-                Taken::Forgotten(rod) => batch.forget(&self.copied, site, history.store, &rod),
-            }
+            row.put(&self.rows, batch, (site, history.store));
         }
         batch.sites.insert(site.to_owned(), state.clone());
         self.sites.insert(site.to_owned(), state);
         Ok((label.last - through).max(0))
     }
-
-    /// Rows of the commits after `through`, each checked against its table.
-    fn rows(&self, changes: &[Change], through: i64) -> Result<Vec<Taken>, String> {
-        let mut rows = Vec::new();
-        for change in changes.iter().filter(|change| change.number > through) {
-            // Lines and modes have the month of their record, which comes before them.
-            let mut of_record = HashMap::<i64, Option<i64>>::new();
-            for row in &change.rows {
-                let wrong =
-                    |what: &str| format!("commit {}: a row of table {}: {what}", change.number, row.table);
-                if row.table == FORGOTTEN {
-                    match row.values.as_slice() {
-                        [Value::Text(rod)] if is_text(rod) && rod.len() <= LONGEST_KEY => {
-                            rows.push(Taken::Forgotten(rod.clone()));
-                        }
-                        _ => return Err(wrong("no rod")),
-                    }
-                    continue;
-                }
-                let place = self.places.get(row.table.as_str()).copied();
-                let (Some(place), Some(copied)) = (place, place.and_then(|place| self.copied.get(place)))
-                else {
-                    return Err(wrong("there is no such table"));
-                };
-                let columns = &copied.shape.columns;
-                if columns.len() != row.values.len() {
-                    return Err(wrong("it has not the columns of its table"));
-                }
-                for (column, value) in columns.iter().zip(&row.values) {
-                    let is_good = match value {
-                        Value::Null => !column.is_required,
-                        Value::Text(text) if !is_text(text) => false,
-                        Value::Text(text) if column.key > 0 && text.len() > LONGEST_KEY => false,
-                        value => column.kind.holds(value),
-                    };
-                    if !is_good {
-                        return Err(wrong(&format!(
-                            "column {} holds no value of its kind",
-                            column.name
-                        )));
-                    }
-                }
-                if !is_intact(&row.values) {
-                    return Err(wrong("its checksum is not that of its values"));
-                }
-                let number = |name: &str| {
-                    let place = columns.iter().position(|column| column.name == name)?;
-                    match row.values.get(place) {
-                        Some(Value::Integer(number)) => Some(*number),
-                        _ => None,
-                    }
-                };
-                let start_ns = match row.table.as_str() {
-                    "record" => {
-                        let start_ns = number("start_ns");
-                        if let Some(id) = number("id") {
-                            of_record.insert(id, start_ns);
-                        }
-                        start_ns
-                    }
-                    "line" | "mode" => {
-                        let record = number("record").and_then(|record| of_record.get(&record));
-                        *record.ok_or_else(|| wrong("its record is not in the same commit"))?
-                    }
-                    _ => number("start_ns"),
-                };
-                rows.push(Taken::Row(place, start_ns, row.values.clone()));
-            }
-        }
-        Ok(rows)
-    }
-}
-
-/// True for a text that PostgreSQL keeps, too.
-fn is_text(text: &str) -> bool {
-    !text.contains('\0')
-}
-
-/// A row that was checked.
-enum Taken {
-    /// Table, begin of its record or period, values.
-    Row(usize, Option<i64>, Vec<Value>),
-    /// A rod that was removed.
-    Forgotten(String),
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::analysis::signal::record::{RodId, Timestamp};
-    use crate::service::forward::message::{Label, OUT};
-    use crate::service::hub::centre::Centre;
-    use crate::service::hub::park::Parked;
-    use crate::service::hub::sqlite::Sqlite;
-    use crate::site::store::{Asked, ChangedRow, ConditionEvent, FORMAT, Store};
-
-    /// A store with some commits.
-    fn store() -> Store {
-        let mut store = Store::in_memory().unwrap();
-        store.keep_config("a", "tower", "text").unwrap();
-        for day in 0..5 {
-            let begun = ConditionEvent::raised("sink", "mail", Timestamp::from_nanos(1 + day), "refused");
-            store.watch(&[begun], None).unwrap();
-        }
-        store
-    }
-
-    struct Post {
-        folder: tempfile::TempDir,
-        centre: Centre,
-        fold: Fold,
-        sequence: i64,
-    }
-
-    const SITES: [&str; 2] = ["todi", "gubbio"];
-
-    impl Post {
-        fn new() -> Self {
-            let folder = tempfile::tempdir().unwrap();
-            let mut post = Self {
-                centre: Centre::open(Box::new(Sqlite::open(&folder.path().join("centre.db")).unwrap()))
-                    .unwrap(),
-                fold: Fold::new(BTreeSet::new(), Vec::new(), BTreeMap::new(), BTreeMap::new()),
-                folder,
-                sequence: 0,
-            };
-            post.again(&SITES);
-            post
-        }
-
-        /// A hub started anew with these sites on its list.
-        fn again(&mut self, listed: &[&str]) {
-            let listed = listed.iter().map(|site| (*site).to_owned()).collect();
-            let copied = self.centre.copied().to_vec();
-            let (sites, overruled) = (self.centre.sites().unwrap(), self.centre.overruled().unwrap());
-            self.fold = Fold::new(listed, copied, sites, overruled);
-        }
-
-        fn send(&mut self, message: &Incoming) -> Judged {
-            let mut batch = Batch::default();
-            let judged = self.fold.take(message, &mut batch);
-            self.centre.commit(batch).unwrap();
-            judged
-        }
-
-        fn take_up(&mut self, site: &str) -> usize {
-            let mut batch = Batch::default();
-            let mut taken = 0;
-            for parked in self.parked(site) {
-                let judged = self
-                    .fold
-                    .take_again(&Incoming::of_parked(parked), true, &mut batch);
-                taken += usize::from(!matches!(judged, Judged::Parked(..)));
-            }
-            self.centre.commit(batch).unwrap();
-            let mut batch = Batch::default();
-            let first = self.centre.first_fault(site).unwrap();
-            self.fold.mark(site, first, &mut batch);
-            self.centre.commit(batch).unwrap();
-            taken
-        }
-
-        fn parked(&mut self, site: &str) -> Vec<Parked> {
-            self.centre.parked(site, None, (i64::MIN, i64::MIN)).unwrap()
-        }
-
-        fn of(&mut self, site: &str, store: &Store, first: i64, last: i64) -> Incoming {
-            let changes = store
-                .changes_after(first - 1, (last - first + 1) as usize)
-                .unwrap();
-            self.with(site, &store.epoch().unwrap().unwrap(), first, last, &changes)
-        }
-
-        fn with(&mut self, site: &str, epoch: &str, first: i64, last: i64, changes: &[Change]) -> Incoming {
-            self.sequence += 1;
-            let label = Label {
-                epoch: epoch.to_owned(),
-                first,
-                last,
-                format: FORMAT,
-                mark: String::new(),
-            };
-            let headers: Vec<String> = label
-                .headers(0)
-                .iter()
-                .map(|(name, values)| format!("{name}: {}", values[0]))
-                .collect();
-            Incoming {
-                sequence: self.sequence,
-                subject: format!("{OUT}.{site}"),
-                headers: headers.join("\n"),
-                payload: message::encode(changes).unwrap(),
-                time_ns: 1_000 * self.sequence,
-            }
-        }
-
-        fn rows(&mut self, table: &str, site: &str, store: i64) -> usize {
-            let copied = self.centre.copied().to_vec();
-            let copied = copied.iter().find(|copied| copied.shape.table == table).unwrap();
-            self.centre.rows_of(copied, site, store).unwrap().len()
-        }
-
-        fn fault(&self, site: &str) -> Option<String> {
-            self.fold.sites().get(site)?.fault.clone().map(|(fault, _)| fault)
-        }
-    }
+    use crate::service::hub::post::{Post, SITES, store};
+    use crate::site::store::Asked;
 
     #[test]
     fn a_repeated_message_adds_nothing_and_an_overlapping_one_its_end() {
@@ -544,84 +329,6 @@ mod tests {
         post.again(&SITES);
         assert_eq!(post.take_up("todi"), 1);
         assert_eq!(rows(&mut post), (5, 5));
-    }
-
-    #[test]
-    fn what_cannot_be_read_or_was_changed_on_the_way_is_parked_by_name() {
-        let (mut post, store) = (Post::new(), store());
-        let good = post.of("todi", &store, 1, 6);
-        let mut wrong: Vec<(&str, Incoming)> = Vec::new();
-        let broken = Incoming {
-            payload: b"nothing".to_vec(),
-            ..good.clone()
-        };
-        wrong.push((UNREADABLE, broken));
-        let bare = Incoming {
-            headers: String::new(),
-            ..good.clone()
-        };
-        wrong.push((UNREADABLE, bare));
-        let mut newer = good.clone();
-        newer.headers = newer.headers.replace(
-            &format!("Tirante-Format: {FORMAT}"),
-            &format!("Tirante-Format: {}", FORMAT + 1),
-        );
-        wrong.push((NEWER, newer));
-        let unlisted = Incoming {
-            subject: format!("{OUT}.nobody"),
-            ..good.clone()
-        };
-        wrong.push((UNLISTED, unlisted));
-        let epoch = store.epoch().unwrap().unwrap();
-        let changes = store.changes_after(0, 6).unwrap();
-        let edits: [fn(&mut ChangedRow); 9] = [
-            |row| row.table = "sqlite_schema".to_owned(),
-            |row| row.table = "\0".repeat(1000),
-            |row| {
-                row.table = FORGOTTEN.to_owned();
-                row.values = vec![Value::Text("\0".to_owned())];
-            },
-            |row| row.values[0] = Value::Text("k".repeat(5000)),
-            |row| row.values[1] = Value::Text("another".to_owned()),
-            |row| row.values[1] = Value::Null,
-            |row| row.values[1] = Value::Integer(7),
-            |row| row.values[1] = Value::Text("\0".to_owned()),
-            |row| drop(row.values.pop()),
-        ];
-        for edit in edits {
-            let mut changes = changes.clone();
-            edit(&mut changes[0].rows[0]);
-            wrong.push((UNREADABLE, post.with("todi", &epoch, 1, 6, &changes)));
-        }
-        for (fault, mut message) in wrong {
-            post.sequence += 1;
-            message.sequence = post.sequence;
-            let judged = post.send(&message);
-            assert!(
-                matches!(&judged, Judged::Parked(found, _) if *found == fault),
-                "{fault} {judged:?}"
-            );
-        }
-        assert_eq!(post.rows("config", "todi", 1), 0);
-        let parked = post.parked("todi");
-        assert_eq!(parked.len(), 12);
-        for message in parked {
-            // PostgreSQL and a log take it.
-            assert!(
-                !message.detail.chars().any(char::is_control),
-                "{}",
-                message.detail
-            );
-            assert!(message.detail.len() <= LONGEST_DETAIL);
-        }
-        assert_eq!(post.send(&good), Judged::Folded(6));
-        // A site that comes onto the list takes up what came before.
-        post.again(&["todi", "gubbio", "nobody"]);
-        assert_eq!(post.take_up("nobody"), 1);
-        assert_eq!(
-            (post.rows("notice", "nobody", 1), post.fault("nobody")),
-            (5, None)
-        );
     }
 
     #[test]

@@ -15,9 +15,14 @@ pub mod incoming;
 pub mod map;
 pub mod page;
 pub mod park;
+#[cfg(test)]
+mod post;
 mod postgres;
 mod rebuild;
 mod relay;
+#[cfg(test)]
+mod relay_tests;
+mod rows;
 pub mod scratch;
 mod silence;
 pub mod sites;
@@ -25,6 +30,7 @@ pub mod sql;
 mod sqlite;
 pub mod tables;
 mod text;
+mod told;
 pub mod watch;
 mod work;
 
@@ -43,8 +49,8 @@ use std::time::{Duration, Instant};
 use tokio::runtime::Runtime;
 use work::Work;
 
-/// Subject of the hub's conditions.
-const ABOUT: &str = "hub";
+/// Subject of the condition of folding that stands still. No site has a slash in its name.
+const ABOUT: &str = "hub/folding";
 
 /// Error of the hub.
 #[derive(Debug, thiserror::Error)]

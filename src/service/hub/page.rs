@@ -42,22 +42,14 @@ pub struct Page {
 
 impl Page {
     /// A page that reads the database of the configuration.
-    ///
-    /// # Errors
-    /// There is no folder for copies of the sites' rows.
-    pub fn new(
-        config: Arc<HubConfig>,
-        health: Arc<Health>,
-        beat: Arc<Beat>,
-        access: &Access,
-    ) -> std::io::Result<Self> {
-        Ok(Self {
-            copies: Copies::new(Arc::clone(&config), access.clone())?,
+    pub fn new(config: Arc<HubConfig>, health: Arc<Health>, beat: Arc<Beat>, access: &Access) -> Self {
+        Self {
+            copies: Copies::new(Arc::clone(&config), access.clone()),
             config,
             health,
             beat,
             listed: Arc::default(),
-        })
+        }
     }
 
     /// Routes of the page; a name that is not ours is not answered.
@@ -91,6 +83,7 @@ impl Page {
             .route("/", get(page))
             .route("/follow.js", get(script))
             .route("/api/v1/sites", get(api))
+            .route("/api/v1/openapi.json", get(description))
             .route("/healthz", get(healthz))
             .route("/metrics", get(metrics))
             .route("/sites/{site}", get(with_slash))
@@ -141,6 +134,11 @@ async fn api(State(page): State<Page>) -> Response {
         Ok(rows) => json(StatusCode::OK, rows.as_ref()),
         Err(response) => response,
     }
+}
+
+async fn description() -> impl IntoResponse {
+    let kind = [(header::CONTENT_TYPE, "application/json")];
+    (kind, include_str!("../../../docs/openapi-hub.json"))
 }
 
 /// Answers 503 while nothing is folded.

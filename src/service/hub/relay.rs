@@ -1,37 +1,36 @@
 //! Alarms and conditions of all sites on their way from the centre's tables into the hub's own outbox, which the sinks read.
 //!
 //! Places are kept by site and store in the transaction of the events: a restart, a rebuild or a stream that was set back tells
-//! nothing again. Of a store that is seen for the first time only what stands is told, once all of it is here.
+//! nothing again. Of a store that becomes the present one of its site only what stands is told, once all of it is here; the places of
+//! the one before are forgotten then, so that one that is put back is told again, too.
 
 use super::beats::Heard;
 use super::centre::{Centre, CentreError, History, SiteState};
-use super::sql::{integer, text};
-use crate::analysis::signal::record::{RodId, Timestamp};
-use crate::analysis::track::AlarmEvent;
-use crate::analysis::track::alarm::{Alarm, What};
+use super::sql::integer;
+use super::told::{self, Told};
 use crate::config::HubConfig;
 use crate::service::telemetry::{Fault, Health};
 use crate::site::clock;
-use crate::site::store::{ConditionEvent, Filter, Reader, Relayed, StoreError, TOLD_NO_LONGER};
+use crate::site::store::{Reached, Reader, Relayed, StoreError};
 use rusqlite::types::Value;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Interval of looks for new commits.
 const LOOK: Duration = Duration::from_secs(1);
 /// Most events read at once.
 const PAGE: usize = 500;
-/// Time after which a store that sends no heartbeats, or took the place of another, counts as whole \[ns\].
-const WHOLE_NS: i64 = 3_600_000_000_000;
-/// Subject of the condition of alarms that cannot be read.
-const ABOUT: &str = "alarms";
+/// Time after which a store that sends no heartbeats, took the place of another, or is no longer added to counts as whole.
+const WHOLE: Duration = Duration::from_secs(3600);
+/// Subject of the condition of alarms that are not told on. No site has a slash in its name.
+const ABOUT: &str = "hub/alarms";
 
 /// Reason why a round ended early.
 #[derive(Debug, thiserror::Error)]
-enum Halt {
+pub(super) enum Halt {
     /// The outbox takes nothing more: the hub ends.
     #[error("the hub ends")]
     Ended,
@@ -39,7 +38,12 @@ enum Halt {
     Centre(#[from] CentreError),
     #[error(transparent)]
     Store(#[from] StoreError),
+    #[error(transparent)]
+    Told(#[from] told::Error),
 }
+
+/// Site and number of a store.
+type Key = (String, i64);
 
 /// The reader of the centre's tables.
 pub(super) struct Relay {
@@ -47,10 +51,12 @@ pub(super) struct Relay {
     health: Arc<Health>,
     outbox: PathBuf,
     to: SyncSender<Relayed>,
-    /// Last commit of each store that was looked through.
-    seen: BTreeMap<(String, i64), i64>,
-    /// Numbers of the last event and notice read of each store.
-    places: BTreeMap<(String, String), (i64, i64)>,
+    /// Last commit of each store that was looked through, and whether it was the present one of its site.
+    seen: BTreeMap<Key, (i64, bool)>,
+    /// Last commit of each store that is not whole yet, and since when it is that.
+    waits: BTreeMap<Key, (i64, Instant)>,
+    /// Places of the stores that are read on.
+    places: BTreeMap<Key, Reached>,
 }
 
 impl Relay {
@@ -67,6 +73,7 @@ impl Relay {
             outbox,
             to,
             seen: BTreeMap::new(),
+            waits: BTreeMap::new(),
             places: BTreeMap::new(),
         }
     }
@@ -87,7 +94,8 @@ impl Relay {
         }
     }
 
-    fn round(&mut self, centre: &mut Option<Centre>) -> Result<(), Halt> {
+    /// Looks through all sites once.
+    pub(super) fn round(&mut self, centre: &mut Option<Centre>) -> Result<(), Halt> {
         let is_first = self.seen.is_empty();
         let centre = match centre {
             Some(centre) => centre,
@@ -105,11 +113,12 @@ impl Relay {
             }
             for (place, history) in state.histories.iter().enumerate() {
                 let key = (site.clone(), history.store);
-                if self.seen.get(&key) == Some(&history.through) {
+                let now = (history.through, state.present() == Some(place));
+                if self.seen.get(&key) == Some(&now) {
                     continue;
                 }
                 if self.look_through(centre, &mut beats, &reader, (site, state), place)? {
-                    self.seen.insert(key, history.through);
+                    self.seen.insert(key, now);
                 }
             }
         }
@@ -128,15 +137,19 @@ impl Relay {
         let Some(history) = state.histories.get(place) else {
             return Ok(true);
         };
-        let key = (site.to_owned(), history.epoch.clone());
+        let key = (site.to_owned(), history.store);
         if !self.places.contains_key(&key)
-            && let [Some(events), Some(notices)] =
-                marks(site, &history.epoch).map(|name| reader.delivered(&name).transpose())
+            && let Some(reached) = reader.reached(site, &history.epoch)?
         {
-            self.places.insert(key.clone(), (events?, notices?));
+            // A newer program may read what the one before could not.
+            let again = told::again(centre, reader, site, history.store)?;
+            if !again.notices.is_empty() {
+                self.send(site, again, None, None)?;
+            }
+            self.places.insert(key.clone(), reached);
         }
-        if let Some(from) = self.places.get(&key).copied() {
-            self.read_on(centre, site, history, from)?;
+        if let Some(reached) = self.places.get(&key).cloned() {
+            self.read_on(centre, site, history, reached)?;
             return Ok(true);
         }
         if state.present() != Some(place) {
@@ -146,16 +159,28 @@ impl Relay {
             Some(beats) => beats,
             none => none.insert(centre.beats()?),
         };
-        if !is_whole(beats.get(site), history, place) {
+        if !self.is_whole((site, beats.get(site)), state, history, place) {
             return Ok(false);
         }
-        let (relayed, through) = self.first_sight(centre, reader, site, history)?;
-        self.send(relayed)?;
-        self.places.insert(key, through);
+        let (found, reached) = first_sight(centre, site, history)?;
+        let why = "the store that raised it was replaced, and the present one does not have it";
+        self.send(site, found, Some(reached.clone()), Some(why))?;
+        self.places.retain(|(of, _), _| of != site);
+        self.places.insert(key, reached);
         Ok(true)
     }
 
-    fn send(&self, relayed: Relayed) -> Result<(), Halt> {
+    fn send(&self, site: &str, told: Told, reached: Option<Reached>, ends: Option<&str>) -> Result<(), Halt> {
+        for detail in told.unread {
+            self.health.fault(Fault::Forward, detail);
+        }
+        let relayed = Relayed {
+            owner: site.to_owned(),
+            events: told.events,
+            notices: told.notices,
+            reached,
+            ends: ends.map(str::to_owned),
+        };
         self.to.send(relayed).map_err(|_| Halt::Ended)
     }
 
@@ -165,234 +190,91 @@ impl Relay {
         centre: &mut Centre,
         site: &str,
         history: &History,
-        from: (i64, i64),
+        mut reached: Reached,
     ) -> Result<(), Halt> {
-        let mut through = from;
+        let of = (site, history.store);
         loop {
-            let events = rows(
-                centre,
-                "SELECT \"number\", \"json\" FROM \"outbox\" WHERE \"site\" = $1 AND \"store\" = $2 AND \"number\" > $3
-                 ORDER BY \"number\" LIMIT $4",
-                (site, history.store),
-                Some(through.0),
-            )?;
-            let notices = rows(
-                centre,
-                "SELECT \"number\", \"condition\", \"fault\", \"about\", \"what\", \"raised\", \"time\", \"detail\" FROM \"notice\"
-                 WHERE \"site\" = $1 AND \"store\" = $2 AND \"number\" > $3 ORDER BY \"number\" LIMIT $4",
-                (site, history.store),
-                Some(through.1),
-            )?;
+            let page = |number: i64| [Value::Integer(number), Value::Integer(PAGE as i64)];
+            let after = "\"number\" > $3 ORDER BY \"number\" LIMIT $4";
+            let events = told::rows(centre, told::EVENTS, after, of, &page(reached.events))?;
+            let notices = told::rows(centre, told::NOTICES, after, of, &page(reached.notices))?;
             if events.is_empty() && notices.is_empty() {
                 return Ok(());
             }
             let last =
                 |rows: &[Vec<Value>], before: i64| rows.last().map_or(before, |row| integer(row.first()));
-            through = (last(&events, through.0), last(&notices, through.1));
-            let mut relayed = Relayed {
-                marks: kept(site, &history.epoch, through),
-                ..Relayed::default()
-            };
-            for row in &events {
-                match serde_json::from_str::<AlarmEvent>(&text(row.get(1))) {
-                    Ok(event) => relayed.events.push(behind(site, event)),
-                    Err(error) => self.untold(site, &error),
-                }
-            }
-            relayed.notices = self.notices(site, &notices);
-            self.send(relayed)?;
+            reached.events = last(&events, reached.events);
+            reached.notices = last(&notices, reached.notices);
+            let mut told = Told::default();
+            told.take_events(centre, of, &events)?;
+            told.take_notices(site, &notices);
+            self.send(site, told, Some(reached.clone()), None)?;
             self.places
-                .insert((site.to_owned(), history.epoch.clone()), through);
+                .insert((site.to_owned(), history.store), reached.clone());
         }
-    }
-
-    /// Reads what stands of a store that was not seen before, and ends what stood of the one before it and is not found again.
-    fn first_sight(
-        &self,
-        centre: &mut Centre,
-        reader: &Reader,
-        site: &str,
-        history: &History,
-    ) -> Result<(Relayed, (i64, i64)), Halt> {
-        let of = (site, history.store);
-        // The places before the rows: what comes meanwhile is read again, and known by its id.
-        let mut last = |table: &str| -> Result<i64, Halt> {
-            let sql =
-                format!("SELECT max(\"number\") FROM \"{table}\" WHERE \"site\" = $1 AND \"store\" = $2");
-            let found = rows(centre, &sql, of, None)?;
-            Ok(integer(found.first().and_then(|row| row.first())))
-        };
-        let through = (last("outbox")?, last("notice")?);
-        let alarms = rows(
-            centre,
-            "SELECT \"json\" FROM \"alarm\" WHERE \"site\" = $1 AND \"store\" = $2 AND \"stands\" = 1 ORDER BY \"raised_ns\", \"id\"",
-            of,
-            None,
-        )?;
-        let notices = rows(
-            centre,
-            "SELECT \"number\", \"condition\", \"fault\", \"about\", \"what\", \"raised\", \"time\", \"detail\" FROM \"notice\" AS n
-             WHERE \"site\" = $1 AND \"store\" = $2 AND \"what\" = 'raised' AND NOT EXISTS (SELECT 1 FROM \"notice\" AS later
-                WHERE later.\"site\" = n.\"site\" AND later.\"store\" = n.\"store\" AND later.\"condition\" = n.\"condition\"
-                AND later.\"what\" = 'cleared') ORDER BY \"number\"",
-            of,
-            None,
-        )?;
-        let mut relayed = Relayed {
-            marks: kept(site, &history.epoch, through),
-            notices: self.notices(site, &notices),
-            ..Relayed::default()
-        };
-        for row in &alarms {
-            match serde_json::from_str::<Alarm>(&text(row.first())) {
-                Ok(alarm) => {
-                    let raised = AlarmEvent {
-                        what: What::Raised,
-                        time: alarm.raised,
-                        alarm,
-                    };
-                    relayed.events.push(behind(site, raised));
-                }
-                Err(error) => self.untold(site, &error),
-            }
-        }
-        let found: BTreeSet<String> = relayed
-            .events
-            .iter()
-            .map(|event| event.alarm.id.clone())
-            .collect();
-        let lasting: BTreeSet<String> = relayed.notices.iter().map(|one| one.condition.clone()).collect();
-        let why = "the store that raised it was replaced, and the present one does not have it";
-        let ends = ends(reader, why, |id| {
-            is_of(id, site) && !found.contains(id) && !lasting.contains(id)
-        })?;
-        relayed.events.splice(0..0, ends.events);
-        relayed.notices.splice(0..0, ends.notices);
-        Ok((relayed, through))
     }
 
     /// Ends what stands of sites that are no longer on the list.
     fn end_unlisted(&self, reader: &Reader) -> Result<(), Halt> {
-        let ends = ends(reader, "its site is no longer on the list of the centre", |id| {
-            id.split_once('/')
-                .is_some_and(|(site, _)| self.config.site(site).is_none())
-        })?;
-        if ends.events.is_empty() && ends.notices.is_empty() {
-            return Ok(());
-        }
-        self.send(ends)
-    }
-
-    fn notices(&self, site: &str, rows: &[Vec<Value>]) -> Vec<ConditionEvent> {
-        let read = |row: &Vec<Value>| -> Result<ConditionEvent, jiff::Error> {
-            let of = |place: usize| text(row.get(place));
-            Ok(ConditionEvent {
-                number: 0,
-                condition: format!("{site}/{}", of(1)),
-                fault: of(2),
-                about: of(3),
-                is_raised: of(4) == "raised",
-                raised: time(&of(5))?,
-                time: time(&of(6))?,
-                detail: of(7),
-            })
-        };
-        let mut notices = Vec::new();
-        for row in rows {
-            match read(row) {
-                Ok(notice) => notices.push(notice),
-                Err(error) => self.untold(site, &error),
+        for site in reader.owners()? {
+            if self.config.site(&site).is_none() {
+                let why = "its site is no longer on the list of the centre";
+                self.send(&site, Told::default(), None, Some(why))?;
             }
         }
-        notices
+        Ok(())
     }
 
-    /// Reports an event that no sink can be told of: a newer program wrote it, or it is forged.
-    fn untold(&self, site: &str, error: &dyn std::fmt::Display) {
-        let detail =
-            format!("site {site}: an alarm is not told to the sinks, for it cannot be read: {error}");
-        self.health.fault(Fault::Forward, detail);
-    }
-}
-
-/// Names of the places of a store: of its events and of its notices.
-fn marks(site: &str, epoch: &str) -> [String; 2] {
-    ["alarms", "conditions"].map(|what| format!("from/{site}/{epoch}/{what}"))
-}
-
-fn kept(site: &str, epoch: &str, through: (i64, i64)) -> Vec<(String, i64)> {
-    let [events, notices] = marks(site, epoch);
-    vec![(events, through.0), (notices, through.1)]
-}
-
-/// True for the id of an alarm or condition of a site.
-fn is_of(id: &str, site: &str) -> bool {
-    id.split_once('/').is_some_and(|(of, _)| of == site)
-}
-
-/// An event with its site in front of the ids.
-fn behind(site: &str, mut event: AlarmEvent) -> AlarmEvent {
-    event.alarm.id = format!("{site}/{}", event.alarm.id);
-    event.alarm.rod = RodId(format!("{site}/{}", event.alarm.rod.0));
-    event
-}
-
-fn time(text: &str) -> Result<Timestamp, jiff::Error> {
-    let time: jiff::Timestamp = text.parse()?;
-    Ok(Timestamp::from_nanos(
-        i64::try_from(time.as_nanosecond()).unwrap_or(0),
-    ))
-}
-
-/// Rows of one store; `after` and the size of a page are the third and fourth value.
-fn rows(
-    centre: &mut Centre,
-    sql: &str,
-    (site, store): (&str, i64),
-    after: Option<i64>,
-) -> Result<Vec<Vec<Value>>, Halt> {
-    let mut values = vec![Value::Text(site.to_owned()), Value::Integer(store)];
-    if let Some(after) = after {
-        values.extend([Value::Integer(after), Value::Integer(PAGE as i64)]);
-    }
-    let found = centre.sql().query(sql, &values).map_err(CentreError::from)?;
-    Ok(found)
-}
-
-/// True once all that a store had when it last spoke is here. One that took the place of another finds again what that one knew, and has
-/// an hour for it.
-fn is_whole(heard: Option<&Heard>, history: &History, place: usize) -> bool {
-    let is_old = clock::now().as_nanos().saturating_sub(history.began_ns) > WHOLE_NS;
-    match heard {
-        Some(heard) if place == 0 && heard.beat.epoch == history.epoch => {
-            heard.beat.through <= history.through
-        }
-        _ => is_old,
-    }
-}
-
-/// The ends of alarms and conditions of the outbox that stand and meet a condition.
-fn ends(reader: &Reader, why: &str, is_ended: impl Fn(&str) -> bool) -> Result<Relayed, Halt> {
-    let now = clock::now();
-    let mut relayed = Relayed::default();
-    for mut alarm in reader.alarms(&Filter::default())? {
-        if alarm.is_over() || !is_ended(&alarm.id) {
-            continue;
-        }
-        alarm.message = format!("{} {TOLD_NO_LONGER}{why}.", alarm.message);
-        alarm.cleared = alarm.cleared.or(Some(now));
-        // A latched alarm ends no other way.
-        alarm.acknowledged = alarm.acknowledged.or(Some(now));
-        relayed.events.push(AlarmEvent {
-            what: What::Cleared,
-            time: now,
-            alarm,
-        });
-    }
-    for begun in reader.standing_notices()? {
-        if is_ended(&begun.condition) {
-            relayed.notices.push(begun.cleared(now));
+    /// True once all that a store had when it last spoke is here, or all that can be: what is parked may never come. One that took the
+    /// place of another finds again what that one knew, and has an hour for it; so has one that is behind and gets nothing.
+    fn is_whole(
+        &mut self,
+        (site, heard): (&str, Option<&Heard>),
+        state: &SiteState,
+        history: &History,
+        place: usize,
+    ) -> bool {
+        let age_ns = clock::now().as_nanos().saturating_sub(history.began_ns);
+        match heard {
+            Some(heard) if place == 0 && heard.beat.epoch == history.epoch => {
+                let key = (site.to_owned(), history.store);
+                let (through, since) = self.waits.entry(key).or_insert((history.through, Instant::now()));
+                if *through != history.through {
+                    (*through, *since) = (history.through, Instant::now());
+                }
+                heard.beat.through <= history.through || state.fault.is_some() || since.elapsed() > WHOLE
+            }
+            _ => i128::from(age_ns) > WHOLE.as_nanos() as i128,
         }
     }
-    Ok(relayed)
+}
+
+/// What stands of a store that is told for the first time, or again.
+fn first_sight(centre: &mut Centre, site: &str, history: &History) -> Result<(Told, Reached), Halt> {
+    let of = (site, history.store);
+    // The places before the rows: what comes meanwhile is read again, and known by its id.
+    let mut last = |table: &str| -> Result<i64, Halt> {
+        let found = told::rows(
+            centre,
+            &format!("max(\"number\") FROM \"{table}\""),
+            "1 = 1",
+            of,
+            &[],
+        )?;
+        Ok(integer(found.first().and_then(|row| row.first())))
+    };
+    let reached = Reached {
+        epoch: history.epoch.clone(),
+        events: last("outbox")?,
+        notices: last("notice")?,
+    };
+    let alarms = "\"stands\" = 1 ORDER BY \"raised_ns\", \"id\"";
+    let alarms = told::rows(centre, told::ALARMS, alarms, of, &[])?;
+    let lasts = "\"what\" = 'raised' AND NOT EXISTS (SELECT 1 FROM \"notice\" AS later WHERE later.\"site\" = t.\"site\"
+        AND later.\"store\" = t.\"store\" AND later.\"condition\" = t.\"condition\" AND later.\"what\" = 'cleared') ORDER BY \"number\"";
+    let notices = told::rows(centre, told::NOTICES, lasts, of, &[])?;
+    let mut told = Told::default();
+    told.take_alarms(site, &alarms);
+    told.take_notices(site, &notices);
+    Ok((told, reached))
 }

@@ -231,3 +231,61 @@ impl SiteRow {
         said
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::service::hub::post::{Post, store};
+    use serde_json::Value as Json;
+
+    #[test]
+    fn the_description_holds() {
+        let mut post = Post::new();
+        let message = post.of("todi", &store(), 1, 6);
+        post.send(&message);
+        let listed = SiteSettings {
+            name: "gubbio".to_owned(),
+            link: Some("http://gubbio.example.org".to_owned()),
+            position: None,
+            silent_s: 60.0,
+            command_key: None,
+        };
+        let rows = list(&mut post.centre, &[listed], 1_780_000_000_000_000_000).unwrap();
+        assert_eq!(rows.len(), 2);
+        let described: Json = serde_json::from_str(include_str!("../../../docs/openapi-hub.json")).unwrap();
+        let schema = &described["components"]["schemas"]["SiteRow"];
+        let properties = schema["properties"].as_object().unwrap();
+        assert_eq!(schema["required"].as_array().unwrap().len(), properties.len());
+        for row in rows {
+            let row = serde_json::to_value(row).unwrap();
+            let row = row.as_object().unwrap();
+            assert_eq!(row.len(), properties.len(), "{row:?}");
+            for (name, value) in row {
+                let kind = match value {
+                    Json::Null => "null",
+                    Json::Bool(_) => "boolean",
+                    Json::Number(number) if number.is_i64() => "integer",
+                    Json::Number(_) => "number",
+                    Json::String(_) => "string",
+                    Json::Array(_) => "array",
+                    Json::Object(_) => "object",
+                };
+                let allowed = &properties.get(name).unwrap_or_else(|| panic!("{name}"))["type"];
+                let is_allowed =
+                    allowed == kind || allowed.as_array().is_some_and(|all| all.contains(&kind.into()));
+                assert!(is_allowed, "{name}: {value}");
+            }
+        }
+        let worst = properties["worst"]["enum"].as_array().unwrap();
+        let all = [
+            Worst::Monitoring,
+            Worst::Learning,
+            Worst::Unheard,
+            Worst::NotMonitoring,
+            Worst::Silent,
+            Worst::Parked,
+            Worst::Alarm,
+        ];
+        assert_eq!(*worst, all.map(|one| Json::from(one.code())));
+    }
+}

@@ -7,10 +7,15 @@ use std::collections::BTreeSet;
 use std::fmt::Write;
 
 /// Format of the centre's own tables.
-const FORMAT: &str = "1";
+const FORMAT: &str = "2";
+/// Format without the column [`COMMIT`].
+const WITHOUT_COMMIT: &str = "1";
 
 /// Tables partitioned by the month of their records or periods, in PostgreSQL.
 pub const MONTHLY: [&str; 4] = ["record", "line", "mode", "period"];
+
+/// Column with the commit that last wrote a row; 0 where a hub without it did.
+pub const COMMIT: &str = "commit";
 
 /// Month of what has no time that can be believed.
 pub const NO_MONTH: i64 = 0;
@@ -57,11 +62,19 @@ impl Copied {
         Ok(all.collect())
     }
 
-    /// Columns in order: site, store, perhaps the month, and the store's own.
+    /// True with a column for the commit: records, lines and modes are never changed, and known by their number.
+    pub fn has_commit(&self) -> bool {
+        !["record", "line", "mode"].contains(&self.shape.table)
+    }
+
+    /// Columns in order: site, store, perhaps month and commit, and the store's own.
     pub fn columns(&self) -> Vec<&str> {
         let mut columns = vec!["site", "store"];
         if self.is_monthly {
             columns.push("month");
+        }
+        if self.has_commit() {
+            columns.push(COMMIT);
         }
         columns.extend(self.shape.columns.iter().map(|column| column.name.as_str()));
         columns
@@ -101,6 +114,9 @@ impl Copied {
         );
         if self.is_monthly {
             let _ = write!(sql, "\"month\" {number} NOT NULL, ");
+        }
+        if self.has_commit() {
+            let _ = write!(sql, "\"{COMMIT}\" {number} NOT NULL DEFAULT 0, ");
         }
         for column in &self.shape.columns {
             let required = if column.is_required { " NOT NULL" } else { "" };
@@ -234,7 +250,29 @@ pub fn create(sql: &mut dyn Sql, copied: &[Copied]) -> Result<(), SqlError> {
         "INSERT INTO \"centre\" (\"key\", \"value\") VALUES ('format', $1) ON CONFLICT DO NOTHING",
         &[Value::Text(FORMAT.to_owned())],
     )?;
-    check(sql)
+    if format(sql)? == WITHOUT_COMMIT {
+        let mut all = "BEGIN;".to_owned();
+        for copied in copied.iter().filter(|copied| copied.has_commit()) {
+            let table = copied.shape.table;
+            let _ = write!(
+                all,
+                "ALTER TABLE \"{table}\" ADD COLUMN \"{COMMIT}\" {number} NOT NULL DEFAULT 0;"
+            );
+        }
+        let _ = write!(
+            all,
+            "UPDATE \"centre\" SET \"value\" = '{FORMAT}' WHERE \"key\" = 'format'; COMMIT;"
+        );
+        sql.batch(&all)?;
+    }
+    check(sql)?;
+    let by_commit = format!("\"period_by_commit\" ON \"period\" (\"site\", \"store\", \"{COMMIT}\");");
+    sql.batch(&format!("CREATE INDEX IF NOT EXISTS {by_commit}"))
+}
+
+fn format(sql: &mut dyn Sql) -> Result<String, SqlError> {
+    let found = sql.query("SELECT \"value\" FROM \"centre\" WHERE \"key\" = 'format'", &[])?;
+    Ok(text(found.first().and_then(|row| row.first())))
 }
 
 /// Checks the format of the tables.
@@ -242,10 +280,14 @@ pub fn create(sql: &mut dyn Sql, copied: &[Copied]) -> Result<(), SqlError> {
 /// # Errors
 /// It is another one, or there are none yet.
 pub fn check(sql: &mut dyn Sql) -> Result<(), SqlError> {
-    let found = sql.query("SELECT \"value\" FROM \"centre\" WHERE \"key\" = 'format'", &[])?;
-    let found = text(found.first().and_then(|row| row.first()));
+    let found = format(sql)?;
     if found.is_empty() {
         let what = "the centre's tables are not made yet: start the hub first";
+        return Err(SqlError::Refused(what.to_owned()));
+    }
+    if found == WITHOUT_COMMIT {
+        let what =
+            "the centre's tables are of an older hub: start the hub once, and it brings them up to date";
         return Err(SqlError::Refused(what.to_owned()));
     }
     if found != FORMAT {

@@ -68,6 +68,7 @@ impl Watch {
         let telemetry = Telemetry {
             health: Arc::clone(health),
             beat,
+            beats: Arc::default(),
             metrics,
         };
         let (mark, marks) = sync_channel::<(String, i64)>(MARKS);

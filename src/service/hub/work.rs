@@ -26,7 +26,7 @@ const PAGE_BYTES: usize = 8 << 20;
 const LONGEST: usize = 500;
 
 /// Subject of the condition of commands that the post does not take.
-const COMMANDS: &str = "commands";
+const COMMANDS: &str = "hub/commands";
 
 /// Origin of messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -32,6 +32,9 @@ pub enum ListenError {
     /// Other machines can reach the socket, but it has no TLS.
     #[error("{0} is not on loopback: [ingest.tls] is needed")]
     Open(String),
+    /// The program panicked at a socket.
+    #[error("a socket broke the program, please report it: {0}")]
+    Broken(String),
     /// A certificate, key or authority cannot be used.
     #[error("[ingest.tls] {0}")]
     Tls(String),

@@ -108,7 +108,7 @@ impl<I: Intake> Server<I> {
 /// Serves until `stop` is true or its sender is gone, then disconnects all clients, within two seconds.
 ///
 /// # Errors
-/// A listener that others than this machine can reach, without TLS; or one the system refuses.
+/// A listener that others than this machine can reach, without TLS; one the system refuses, or one that broke.
 pub async fn serve<I: Intake>(
     listeners: Vec<Listener>,
     server: Server<I>,
@@ -131,12 +131,16 @@ pub async fn serve<I: Intake>(
         tracing::info!("listening at {address}");
         doors.spawn(attend(door, address, Arc::clone(&shared), stop.clone()));
     }
-    let closed = async { while doors.join_next().await.is_some() {} };
+    let closed = async {
+        while let Some(ended) = doors.join_next().await {
+            ended.map_err(|error| ListenError::Broken(error.to_string()))?;
+        }
+        Ok::<(), ListenError>(())
+    };
     tokio::select! {
-        () = closed => {}
-        () = look_after(&shared) => {}
+        closed = closed => closed,
+        () = look_after(&shared) => Ok(()),
     }
-    Ok(())
 }
 
 /// Looks at the certificates from time to time.

@@ -17,11 +17,13 @@ use crate::config::settings::journal::JournalSettings;
 pub use bell::Bell;
 pub use handle::{Batch, Closed, Definition, End, Entry, Handle, Line, MAX_MESSAGE};
 
-use crate::service::telemetry::{Fault, Health};
+use crate::service::telemetry::{Beat, Fault, Health};
 use crate::site::clock;
+use crate::site::ordered_map::message_of;
 use output::Output;
 use std::fs::{self, File, TryLockError};
 use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -49,6 +51,14 @@ pub enum JournalError {
         /// Path of the folder.
         path: PathBuf,
     },
+    /// Its thread panicked.
+    #[error("{}: the program broke, please report it: {panic}", path.display())]
+    Broken {
+        /// Path of the folder.
+        path: PathBuf,
+        /// Message of the panic.
+        panic: String,
+    },
 }
 
 /// Gives the ages of some parts, the oldest first \[s\], as far as their content is known to be stored
@@ -59,6 +69,8 @@ pub type Vouch = Box<dyn Fn(&[retention::Kept]) -> Vec<f64> + Send>;
 pub struct Around {
     /// Receiver of faults.
     pub health: Arc<Health>,
+    /// Beat of its thread.
+    pub beat: Arc<Beat>,
     /// While true, nothing is accepted or acknowledged.
     pub halted: Arc<AtomicBool>,
     /// Function that is asked before a part is removed.
@@ -141,7 +153,14 @@ impl Journal {
         let thread = thread::Builder::new()
             .name("journal".to_owned())
             .spawn(move || {
-                let outcome = writer.run(&receiver);
+                // A thread that is gone would leave the daemon without live data, and in good health.
+                let outcome =
+                    catch_unwind(AssertUnwindSafe(|| writer.run(&receiver))).unwrap_or_else(|panic| {
+                        Err(JournalError::Broken {
+                            path: writer.folder.clone(),
+                            panic: message_of(&*panic),
+                        })
+                    });
                 room.close();
                 if let Err(error) = outcome {
                     failed(error);

@@ -96,6 +96,7 @@ impl Writer {
     fn work(&mut self, commands: &Receiver<Command>) -> Result<(), Stop> {
         self.begin_part()?;
         loop {
+            self.around.beat.pass();
             self.look_at_files()?;
             match commands.recv_timeout(self.patience().min(LOOK_EVERY)) {
                 Ok(command) => {
@@ -435,6 +436,7 @@ impl Writer {
             if self.stopping.load(Ordering::Relaxed) {
                 return Err(Stop::Asked);
             }
+            self.around.beat.pass();
             std::thread::sleep(RETRY / 10);
         }
         if is_lost {
@@ -474,6 +476,7 @@ impl Writer {
             if self.stopping.load(Ordering::Relaxed) {
                 return Err(Stop::Asked);
             }
+            self.around.beat.pass();
             std::thread::sleep(RETRY / 10);
         }
         Ok(())

@@ -25,7 +25,8 @@ pub enum Fault {
     Write,
     /// A sink cannot be reached, or refuses.
     Sink,
-    /// The centre's post cannot be reached, or refuses.
+    /// The centre's post, or the bucket of the journal's copy, cannot be reached or refuses; at a centre: folding stands still, a site's
+    /// messages are parked, or its alarms wait.
     Forward,
     /// Nothing is heard of a site at the centre.
     Silent,
@@ -45,7 +46,7 @@ pub enum Fault {
     Clock,
     /// A certificate has ended or ends soon, or cannot be used.
     Certificate,
-    /// Parts of the journal wait for a backup before they go.
+    /// Parts of the journal that may go wait for a backup, or for their copy to the bucket.
     Backup,
     /// Data come faster than they are analysed.
     Behind,
@@ -130,7 +131,9 @@ impl Fault {
             Self::StoreDamaged => "the store was damaged when it was opened, and was begun anew",
             Self::Write => "the store or the journal cannot be written",
             Self::Sink => "a sink cannot be reached, or refuses: alarms wait",
-            Self::Forward => "the post to the centre cannot be reached, or refuses: results wait here",
+            Self::Forward => {
+                "the post to the centre, or the bucket, cannot be reached or refuses: results, or parts, wait here"
+            }
             Self::Silent => "nothing is heard of a site (`tirante hub`)",
             Self::Command => "a command of the centre was refused, or waits for a person",
             Self::Reload => "a new configuration is bad: the old one holds",
@@ -144,7 +147,7 @@ impl Fault {
             Self::Files => "store or journal were removed, replaced, cut short or made read-only",
             Self::Clock => "the clock of the machine jumped, or is not believed",
             Self::Certificate => "a certificate has ended or ends soon, or cannot be used",
-            Self::Backup => "old parts of the journal wait for a backup",
+            Self::Backup => "old parts of the journal wait for a backup, or for their copy to the bucket",
             Self::Behind => "data come faster than they are analysed",
             Self::Outage => "no daemon was at work for a while: nothing was measured",
             Self::Stalled => "the work loop stands still",

@@ -3,6 +3,7 @@
 use clap::ValueEnum;
 use std::env;
 use std::io::{self, IsTerminal};
+use std::sync::OnceLock;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Layer, Registry, fmt};
@@ -18,6 +19,47 @@ pub enum Format {
     Json,
 }
 
+/// Form and level of a log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Form {
+    format: Format,
+    filter: String,
+}
+
+/// The log of this process.
+static FORM: OnceLock<Form> = OnceLock::new();
+
+/// Form of the log of this process, so that a child of it writes the same; that of a log that was never started is warnings in
+/// plain lines.
+pub fn form() -> &'static Form {
+    FORM.get_or_init(|| Form {
+        format: Format::Plain,
+        filter: "warn".to_owned(),
+    })
+}
+
+impl Form {
+    /// As words of a command line.
+    pub fn words(&self) -> [String; 2] {
+        let format = self.format.to_possible_value();
+        let format = format.map_or_else(String::new, |value| value.get_name().to_owned());
+        [format, self.filter.clone()]
+    }
+
+    /// From such words.
+    pub fn of_words(format: &str, filter: &str) -> Option<Self> {
+        Some(Self {
+            format: Format::from_str(format, false).ok()?,
+            filter: filter.to_owned(),
+        })
+    }
+
+    /// Starts the log of a child of the daemon.
+    pub fn start(&self) {
+        start(Some(self.format), EnvFilter::new(&self.filter), true);
+    }
+}
+
 /// Starts the log. Without a format it is `journal` if stderr leads there, else `plain`; `is_daemon` puts times on plain
 /// lines, which nothing else stamps.
 pub fn start(format: Option<Format>, filter: EnvFilter, is_daemon: bool) {
@@ -25,6 +67,11 @@ pub fn start(format: Option<Format>, filter: EnvFilter, is_daemon: bool) {
         Format::Journal
     } else {
         Format::Plain
+    });
+    let filter_words = filter.to_string();
+    FORM.get_or_init(|| Form {
+        format,
+        filter: filter_words,
     });
     let (layer, trouble) = layer(format, is_daemon);
     tracing_subscriber::registry()
@@ -107,6 +154,17 @@ fn stderr_is_the_journal() -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_form_survives_a_command_line() {
+        for format in [Format::Plain, Format::Journal, Format::Json] {
+            let filter = "info,async_nats=warn".to_owned();
+            let form = Form { format, filter };
+            let [format, filter] = form.words();
+            assert_eq!(Form::of_words(&format, &filter), Some(form));
+        }
+        assert_eq!(Form::of_words("loud", "info"), None);
+    }
 
     #[test]
     fn no_words_look_like_a_line_of_the_log() {

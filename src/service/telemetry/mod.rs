@@ -14,7 +14,7 @@ pub mod report;
 mod rods;
 pub mod strays;
 
-pub use beat::Beat;
+pub use beat::{Beat, Beats};
 pub use credentials::{Credentials, Via};
 pub use fault::Fault;
 pub use health::Health;
@@ -23,7 +23,9 @@ pub use metrics::Metrics;
 pub use report::{Phase, Report, State};
 pub use strays::Strays;
 
+use beat::LONGEST_STEP;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// Telemetry of all parts of a daemon, and of the servers that show it.
 #[derive(Debug, Clone)]
@@ -32,6 +34,8 @@ pub struct Telemetry {
     pub health: Arc<Health>,
     /// Beat of the work loop.
     pub beat: Arc<Beat>,
+    /// Beats of the threads before it.
+    pub beats: Arc<Beats>,
     /// Counts and gauges.
     pub metrics: Arc<Metrics>,
 }
@@ -43,6 +47,7 @@ impl Default for Telemetry {
         Self {
             health,
             beat,
+            beats: Arc::default(),
             metrics,
         }
     }
@@ -53,5 +58,53 @@ impl Telemetry {
     pub fn enter(&self, phase: Phase) {
         self.beat.pass();
         self.health.enter(phase);
+    }
+
+    /// Takes a beat of the work loop. It counts only while the threads before it come round as well: a work loop to which
+    /// nothing can come measures nothing. One that does not is a condition.
+    pub fn beat(&self) {
+        self.beat_at(Instant::now());
+    }
+
+    fn beat_at(&self, now: Instant) {
+        let mut is_alive = true;
+        for (name, age) in self.beats.ages_at(now) {
+            if age < LONGEST_STEP {
+                self.health.over(Fault::Stalled, name);
+                continue;
+            }
+            let detail = format!(
+                "the {name} does not come back from a step of {} s: a disk or a folder of another machine that does not answer, or \
+                 a file that never ends; nothing is measured meanwhile",
+                age.as_secs()
+            );
+            self.health.hold(Fault::Stalled, name, detail);
+            is_alive = false;
+        }
+        if is_alive {
+            self.beat.pass();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn a_thread_that_hangs_stops_the_beat_of_the_work_loop() {
+        let (begun, telemetry) = (Instant::now(), Telemetry::default());
+        let reader = telemetry.beats.of("reader");
+        std::thread::sleep(Duration::from_millis(30));
+        let later = Instant::now() + LONGEST_STEP;
+        telemetry.beat_at(later);
+        assert!(telemetry.health.lasts(Fault::Stalled, "reader"));
+        assert!(telemetry.beat.age() >= Duration::from_millis(20));
+        // It comes round again.
+        reader.pass();
+        telemetry.beat();
+        assert!(!telemetry.health.lasts(Fault::Stalled, "reader"));
+        assert!(telemetry.beat.age() + Duration::from_millis(20) < begun.elapsed());
     }
 }

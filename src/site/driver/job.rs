@@ -26,8 +26,15 @@ pub struct Load {
 }
 
 impl Loads {
+    /// True if nothing is between the reader and the end of its analysis.
+    pub fn are_none(&self) -> bool {
+        self.0.load(Ordering::Acquire) == 0
+    }
+
     /// Reserves room for `samples` samples; `None` while there is no room.
     pub fn take(&self, samples: usize) -> Option<Load> {
+        // An event without samples is work as well.
+        let samples = samples.max(1);
         // Only the reader adds to it.
         let held = self.0.load(Ordering::Acquire);
         if held > 0 && held + samples > SAMPLES {
@@ -108,8 +115,9 @@ mod tests {
         assert!(loads.take(1).is_none());
         drop(heavy);
         let all = loads.take(SAMPLES).unwrap();
-        assert!(loads.take(0).is_some() && loads.take(1).is_none());
+        assert!(loads.take(0).is_none() && loads.take(1).is_none());
+        assert!(!loads.are_none());
         drop(all);
-        assert!(loads.take(1).is_some());
+        assert!(loads.are_none() && loads.take(1).is_some());
     }
 }

@@ -56,6 +56,19 @@ pub enum StoreError {
         /// Process id of the writer, if known.
         pid: Option<u32>,
     },
+    /// It is a copy to read.
+    #[error(
+        "{path} is a copy of site {site} that `tirante hub store` wrote, to be read alone: it has none of the states from which \
+         monitoring goes on; name another store (`--store FILE`, `[store] path`), and acknowledge at the centre: \
+         `tirante hub command {site} acknowledge ALARM`",
+        path = path.display()
+    )]
+    Gathered {
+        /// Path of the file.
+        path: PathBuf,
+        /// Name of the site at the centre.
+        site: String,
+    },
     /// Its content contradicts itself.
     #[error(
         "{path} is damaged ({detail}): the next `tirante replay … --store {path}` moves it aside and begins a new one",

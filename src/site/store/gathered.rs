@@ -1,12 +1,33 @@
 //! A store made of the rows that a copy elsewhere kept: results to read, without the states from which a daemon goes on.
 
 use super::change::Shape;
+use super::row::Row;
 use super::state::Failure;
-use super::{Store, StoreError};
+use super::{Store, StoreError, schema};
 use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension};
 
+/// Site of which a store is a copy, if it is one.
+pub(super) fn site_of(connection: &Connection) -> rusqlite::Result<Option<String>> {
+    if !schema::has(connection, "gathered")? {
+        return Ok(None);
+    }
+    connection
+        .query_row("SELECT site FROM gathered", (), |row| row.get(0))
+        .optional()
+}
+
 impl Store {
+    /// Marks this store as a copy of a site's rows: nobody opens it for writing again.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn mark_gathered(&mut self, site: &str) -> Result<(), StoreError> {
+        let row = Row::of("gathered").with("site", site.to_owned());
+        row.upsert(&self.reader.connection, &["site"])
+            .map_err(|error| self.reader.fault(Failure::Sql(error)))
+    }
+
     /// Takes rows of a copied table as they are, each with its checksum; a row of the same key is replaced. Within a
     /// [group](Store::begin_group) they become durable together.
     ///
@@ -88,7 +109,7 @@ fn upsert(shape: &Shape) -> String {
 mod tests {
     use super::*;
     use crate::analysis::signal::record::{RodId, Timestamp};
-    use crate::site::store::{Asked, ConditionEvent, shapes};
+    use crate::site::store::{Asked, ConditionEvent, Durability, Reader, shapes};
 
     #[test]
     fn gathered_rows_are_those_of_the_store_and_newer_ones_take_their_place() {
@@ -110,6 +131,19 @@ mod tests {
         }
         to.check_all().unwrap();
         assert_eq!(to.latest_record().unwrap(), 0);
+        // Nothing goes on with a copy that is marked, and every command reads it.
+        let folder = tempfile::tempdir().unwrap();
+        let copy = folder.path().join("copy.db");
+        to.mark_gathered("todi").unwrap();
+        to.copy_to(&copy).unwrap();
+        let refused = Store::open(&copy, Durability::Full);
+        let said = refused.err().unwrap().to_string();
+        assert!(
+            said.contains("copy of site todi") && said.contains("name another store"),
+            "{said}"
+        );
+        assert!(!folder.path().join("copy.db.lock").exists());
+        assert_eq!(Reader::open(&copy).unwrap().latest_notice().unwrap(), 1);
         // What refers to nothing is refused.
         let modes = shapes()
             .unwrap()

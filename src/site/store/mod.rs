@@ -47,7 +47,7 @@ pub use open::Durability;
 pub use operation::{Carry, FileMark, FileState, News};
 pub use page::{Line, Lines, Mark, Modes, Point, Sampling};
 pub use read::{Filter, Listing, Reader, Refusals, WithoutLine};
-pub use relay::{Relayed, TOLD_NO_LONGER};
+pub use relay::{Reached, Relayed};
 pub use request::{Asked, Request};
 pub use resonance::{FoundRow, Made};
 pub use snapshot::{SnapshotRow, Snapshots};

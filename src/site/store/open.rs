@@ -308,6 +308,10 @@ fn open_whole(path: &Path, durability: Durability, was_store: bool) -> Result<(C
     let judged = |error| judge(path, error);
     let mut connection = connect(path, OpenFlags::SQLITE_OPEN_READ_WRITE).map_err(judged)?;
     let format = check_format(&connection, path)?;
+    if let Some(site) = super::gathered::site_of(&connection).map_err(judged)? {
+        let path = path.to_owned();
+        return Err(Finding::Refused(StoreError::Gathered { path, site }));
+    }
     let known = check_content(&connection).map_err(judged)??;
     if format < schema::FORMAT {
         schema::migrate(&mut connection, format).map_err(judged)?;

@@ -13,7 +13,7 @@ type Step = fn(&Transaction<'_>) -> rusqlite::Result<()>;
 
 /// The steps in order: a store of format `n` has undergone the first `n`. Steps are only ever added; the
 /// tests hold a golden store of each released format.
-const STEPS: [Step; 6] = [first, second, third, fourth, fifth, sixth];
+const STEPS: [Step; 7] = [first, second, third, fourth, fifth, sixth, seventh];
 
 /// Format written by this program.
 pub(super) const FORMAT: i64 = STEPS.len() as i64;
@@ -39,7 +39,7 @@ pub(super) fn definitions(connection: &Connection) -> rusqlite::Result<Vec<(Stri
 }
 
 /// Tables whose rows have a checksum, in an order in which rows can be inserted.
-pub(super) const TABLES: [&str; 24] = [
+pub(super) const TABLES: [&str; 26] = [
     "config",
     "rod",
     "segment",
@@ -64,6 +64,8 @@ pub(super) const TABLES: [&str; 24] = [
     "origin",
     "epoch",
     "change",
+    "ended",
+    "gathered",
 ];
 
 /// True if a table exists: an older format has fewer.
@@ -226,6 +228,23 @@ fn fifth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
 /// Sixth format: a log of changes, for copies of the store elsewhere.
 fn sixth(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     change::add_tables(transaction)
+}
+
+/// Seventh format: at a centre, what is told no longer, and the sign of a copy that nothing goes on with. Neither is sent.
+fn seventh(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
+    transaction.execute_batch(
+        "CREATE INDEX outbox_of_alarm ON outbox (alarm);
+
+        CREATE TABLE ended (
+            id TEXT PRIMARY KEY,
+            checksum INTEGER NOT NULL
+        ) STRICT;
+
+        CREATE TABLE gathered (
+            site TEXT PRIMARY KEY,
+            checksum INTEGER NOT NULL
+        ) STRICT;",
+    )
 }
 
 const PERIOD: &str = "

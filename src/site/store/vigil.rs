@@ -254,13 +254,13 @@ impl Reader {
         self.notices("number > ? ORDER BY number LIMIT ?", &[&number, &limit])
     }
 
-    /// Notices of begin of the active conditions, in order.
+    /// Notices of begin of the active conditions, in order. One that was told no longer may have begun again.
     ///
     /// # Errors
     /// They cannot be read.
     pub fn standing_notices(&self) -> Result<Vec<ConditionEvent>, StoreError> {
         let lasts = "what = 'raised' AND NOT EXISTS (SELECT 1 FROM notice AS later
-            WHERE later.condition = notice.condition AND later.what = 'cleared') ORDER BY number";
+            WHERE later.condition = notice.condition AND later.what = 'cleared' AND later.number > notice.number) ORDER BY number";
         self.notices(lasts, &[])
     }
 

@@ -114,21 +114,14 @@ pub fn snapshot(outcome: &Outcome) -> Option<Snapshot> {
 }
 
 pub fn rejected(rod: &RodId, number: i64) -> Outcome {
+    let rejection = Rejection::NoPeak {
+        low_hz: 1.0,
+        high_hz: 9.0,
+    };
     Outcome::Rejected(Box::new(Rejected {
-        rod: rod.clone(),
         start: Some(hour(number)),
         duration_s: Some(3.0),
-        fs_hz: None,
-        identity: None,
-        readings: Vec::new(),
-        rejection: Rejection::NoPeak {
-            low_hz: 1.0,
-            high_hz: 9.0,
-        },
-        measurement: None,
-        labels: None,
-        waveform: None,
-        sensors: None,
+        ..Rejected::new(rod.clone(), rejection)
     }))
 }
 

@@ -40,8 +40,8 @@ fn store(fleet: &Fleet) -> PathBuf {
     fleet.edges[0].site.path("site.db")
 }
 
-/// What the post has of todi's open commands.
-fn open(fleet: &Fleet) -> String {
+/// Asks the post without a library of the program's own.
+fn on_post<T>(fleet: &Fleet, work: impl AsyncFnOnce(async_nats::jetstream::Context) -> T) -> T {
     let address = format!("127.0.0.1:{}", fleet.nats_port());
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -49,13 +49,42 @@ fn open(fleet: &Fleet) -> String {
         .unwrap();
     runtime.block_on(async {
         let client = async_nats::connect(address).await.unwrap();
-        let jetstream = async_nats::jetstream::new(client);
+        work(async_nats::jetstream::new(client)).await
+    })
+}
+
+/// What the post has of todi's open commands.
+fn open(fleet: &Fleet) -> String {
+    on_post(fleet, async |jetstream| {
         let stream = jetstream.get_stream("TIRANTE_CMD").await.unwrap();
         let last = stream
             .get_last_raw_message_by_subject("tirante.v1.cmd.todi")
             .await;
         text_of(&last.unwrap().payload)
     })
+}
+
+/// The last message of todi's results, with its headers.
+fn last_message(fleet: &Fleet) -> (async_nats::HeaderMap, Vec<u8>) {
+    on_post(fleet, async |jetstream| {
+        let stream = jetstream.get_stream("TIRANTE_OUT").await.unwrap();
+        let last = stream
+            .get_last_raw_message_by_subject("tirante.v1.out.todi")
+            .await
+            .unwrap();
+        (last.headers, last.payload.to_vec())
+    })
+}
+
+/// Publishes it as the first of a new stream.
+fn publish_again(fleet: &Fleet, (mut headers, payload): (async_nats::HeaderMap, Vec<u8>)) {
+    headers.insert("Nats-Expected-Last-Subject-Sequence", "0");
+    on_post(fleet, async |jetstream| {
+        let sent = jetstream
+            .publish_with_headers("tirante.v1.out.todi", headers, payload.into())
+            .await;
+        sent.unwrap().await.unwrap();
+    });
 }
 
 /// Number of requests in todi's store, applied or not.
@@ -73,6 +102,54 @@ fn first_alarm(fleet: &Fleet) -> String {
         .iter()
         .find(|alarm| alarm.acknowledged.is_none() && !alarm.is_over());
     standing.unwrap().id.clone()
+}
+
+/// A stream that lost its begin, and a centre that lost its database: the site has nothing new to send, and sends all of it again when it
+/// is told to.
+#[test]
+fn what_the_post_lost_comes_again_by_command() {
+    let Some(mut fleet) = Fleet::of(&["todi"], Storage::Sqlite) else {
+        return;
+    };
+    fleet.give_keys();
+    fleet.start();
+    fleet.wait_until_complete();
+    let (_, last) = fleet.end_of(0);
+    let late = last_message(&fleet);
+    // A new stream begins with the last message of the old one.
+    fleet.stop_edge(0);
+    fleet.stop_hub();
+    fleet.forget_stream_and_centre();
+    let logged = fleet.hub_logged();
+    fleet.start_hub();
+    fleet.wait_for_hub_log(logged, "ready: 1 sites");
+    publish_again(&fleet, late);
+    fleet.start_edge(0);
+    wait(&fleet, "the site is parked", || {
+        row(&fleet, "todi")["fault"] == "gap"
+    });
+    wait(&fleet, "the site is heard", || {
+        !row(&fleet, "todi")["beat"].is_null()
+    });
+    let beyond = command(&fleet, &["resend", "1000000"]);
+    let number = command(&fleet, &["resend", "1"]);
+    let done = wait_for(&fleet, number, "carried-out");
+    assert!(
+        done["answer"].as_str().unwrap().starts_with("commits 1 to "),
+        "{done}"
+    );
+    let refused = listed(&fleet, beyond);
+    assert!(
+        refused["answer"]
+            .as_str()
+            .unwrap()
+            .contains("the store has commits 1 to"),
+        "{refused}"
+    );
+    fleet.wait_until_equal();
+    let now = row(&fleet, "todi");
+    assert_eq!((&now["parked"], &now["stores"]), (&0.into(), &1.into()), "{now}");
+    assert!(now["through"].as_i64().unwrap() >= last + 2, "{now}");
 }
 
 #[test]

@@ -550,6 +550,16 @@ impl Fleet {
         copy
     }
 
+    /// Takes all streams from the post and the file from the centre.
+    pub fn forget_stream_and_centre(&mut self) {
+        self.nats.kill();
+        fs::remove_dir_all(self.folder.path().join("jetstream")).unwrap();
+        self.nats.again();
+        for suffix in ["", "-wal", "-shm"] {
+            let _ = fs::remove_file(self.folder.path().join(format!("centre.db{suffix}")));
+        }
+    }
+
     /// Puts the copy in the place of the server's files.
     pub fn set_stream_back(&mut self, copy: &Path) {
         let place = self.folder.path().join("jetstream");

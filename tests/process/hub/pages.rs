@@ -2,13 +2,13 @@
 
 use super::beats::wait;
 use super::fleet::{Fleet, Storage, get, text_of};
-use crate::site::{Site, noon};
+use crate::site::Site;
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Stdio};
 use std::thread;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 use tirante::site::store::{Reader, shapes};
 
 /// What a page asks for, below `/api/v1/`.
@@ -63,14 +63,6 @@ fn json(answer: &str) -> Option<Value> {
     (status == 200).then(|| serde_json::from_str(body).unwrap())
 }
 
-/// The pages of a site at the centre have the records of the last 400 days, those of the campaign until February 2027.
-fn questions() -> &'static [&'static str] {
-    let age = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap();
-    let campaign_s = noon(0).as_nanos() / 1_000_000_000;
-    let is_shown = age.as_secs() < u64::try_from(campaign_s).unwrap() + 400 * 86_400;
-    if is_shown { &QUESTIONS } else { &QUESTIONS[..1] }
-}
-
 /// Takes from a site's own answer what the centre does not have: whether a daemon runs, which its heartbeats say; the state of the
 /// tracking; the files of records.
 fn leave_out(own: &mut Value, centre: &Value) {
@@ -98,7 +90,7 @@ fn leave_out(own: &mut Value, centre: &Value) {
 fn assert_same_answers(fleet: &Fleet, place: usize, name: &str) -> Vec<Value> {
     let own = Own::of(&fleet.edges[place].site);
     let mut answers = Vec::new();
-    for question in questions() {
+    for question in QUESTIONS {
         let path = format!("/api/v1/{question}");
         let (mut here, mut there, mut said) = (None, None, String::new());
         wait(fleet, &format!("{name} answers {question}"), || {
@@ -144,6 +136,19 @@ fn assert_same_store(fleet: &Fleet, place: usize, name: &str) {
         assert_eq!(copy, own, "{name}: {}", shape.table);
         let is_filled = ["rod", "segment", "record", "mode", "period", "alarm"].contains(&shape.table);
         assert!(!is_filled || own.len() >= 2, "{name}: {}", shape.table);
+    }
+    // Nothing goes on with it.
+    for words in [
+        &["replay", "--config", "site.toml", "--store", path, "archive"][..],
+        &["ack", "--store", path, "--all"],
+    ] {
+        let refused = site.run(words);
+        let said = text_of(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(1), "{said}");
+        assert!(
+            said.contains(&format!("copy of site {name}")) && said.contains("hub command"),
+            "{said}"
+        );
     }
     for what in ["records", "periods", "alarms", "rejections"] {
         let rows = site.history(path, what);
@@ -211,6 +216,8 @@ fn looked_at(storage: Storage) {
         let listed = format!("name = \"{name}\"\n");
         fleet.reconfigure_hub(|text| text.replace(&listed, &format!("{listed}position = {position}\n")));
     }
+    // Of whatever age the campaign is by now.
+    fleet.reconfigure_hub(|text| text + "[copies]\ndays = 36500\n");
     fleet.hide_later_weeks(0);
     fleet.start_hub();
     fleet.wait_for_hub_log(0, "all sites at http://");
@@ -235,6 +242,17 @@ fn looked_at(storage: Storage) {
     assert_eq!(parts(&there).0, 200, "{there}");
     assert_eq!(parts(&there).2, parts(&here).2);
     drop(own);
+    // The page knows by a file of the centre's own that it is below a list of sites, and that it can acknowledge nothing.
+    let place = fleet.get("/sites/todi/assets/place.js");
+    assert!(
+        place.contains("siteAtCentre = \"todi\"") && place.contains("text/javascript"),
+        "{place}"
+    );
+    let described = fleet.get("/api/v1/openapi.json");
+    assert!(
+        json(&described).unwrap()["paths"]["/api/v1/sites"].is_object(),
+        "{described}"
+    );
     let slash = fleet.get("/sites/todi");
     assert!(
         parts(&slash).0 == 308 && slash.to_ascii_lowercase().contains("location: todi/"),

@@ -1,10 +1,13 @@
 //! A recording that crashes the program whenever it is read, by lack of memory.
 
-use super::campaign::{Campaign, Material, RODS, huge};
-use super::process::Process;
+use super::campaign::{Campaign, Material, RODS, huge, tirante};
+use super::process::{DEADLINE, Process};
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::Cursor;
+use std::process::Command;
+use std::thread;
+use std::time::{Duration, Instant};
 use tirante::analysis::signal::record::{Timestamp, Unit};
 use tirante::recording::write::{ChannelSpec, Encoding, Layout, Precision, RecordingWriter, WriterOptions};
 
@@ -62,6 +65,24 @@ fn a_recording_the_program_dies_of_is_set_aside_and_the_rest_goes_on() {
         "{}",
         daemon.log()
     );
+    let outcomes = |words: &[&str]| -> Vec<(String, String)> {
+        let words = [&["files", "--store", "state/site.db", "--format", "json"], words].concat();
+        let listed = String::from_utf8(tirante(campaign.folder.path(), &words).stdout).unwrap();
+        let files = listed
+            .lines()
+            .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+        let word = |file: &serde_json::Value, key: &str| file[key].as_str().unwrap().to_owned();
+        files
+            .map(|file| (word(&file, "file"), word(&file, "outcome")))
+            .collect()
+    };
+    assert_eq!(
+        outcomes(&["later"]),
+        [("later.mcap".to_owned(), "done".to_owned())]
+    );
+    let losses = outcomes(&["--losses"]);
+    let is_lost = ("huge.mcap".to_owned(), "quarantined".to_owned());
+    assert_eq!(losses.contains(&is_lost), deaths == 2, "{losses:?}");
     let store = rusqlite::Connection::open(campaign.path("state/site.db")).unwrap();
     let sql = "SELECT count(*) FROM record WHERE rod = 'north' AND rejection IS NULL";
     let north: i64 = store.query_row(sql, (), |row| row.get(0)).unwrap();
@@ -69,27 +90,91 @@ fn a_recording_the_program_dies_of_is_set_aside_and_the_rest_goes_on() {
     daemon.stop("-TERM");
 }
 
+/// Step of the first record of a rod, by its identity in the dump of a store.
+fn first_record(made: &BTreeMap<String, String>, rod: &str) -> String {
+    let first = made[rod].lines().find(|line| line.starts_with("record\t"));
+    let (_, rest) = first.unwrap().split_once("identity=Blob([").unwrap();
+    let bytes = rest.split_once("])").unwrap().0.split(", ");
+    let identity: String = bytes
+        .map(|byte| format!("{:02x}", byte.parse::<u8>().unwrap()))
+        .collect();
+    format!("record {identity} of rod {rod}")
+}
+
+/// Stops the process in which the daemon tries a step, as soon as there is one.
+fn stopped_trial(daemon: &mut Process) -> u32 {
+    let tasks = format!("/proc/{}/task", daemon.pid());
+    let mut child = None;
+    daemon.wait_until("a step is tried", |_| {
+        let children = fs::read_dir(&tasks).into_iter().flatten().filter_map(|task| {
+            let children = fs::read_to_string(task.ok()?.path().join("children")).ok()?;
+            children.split_whitespace().next()?.parse::<u32>().ok()
+        });
+        child = child.or(children.last());
+        child.is_some()
+    });
+    let child = child.unwrap();
+    signal(child, "-STOP");
+    child
+}
+
+fn signal(pid: u32, name: &str) {
+    let told = Command::new("kill").args([name, &pid.to_string()]).status();
+    assert!(told.unwrap().success());
+}
+
+#[test]
+fn beside_a_trial_the_daemon_ticks_and_stops_and_an_end_there_is_one_of_the_step() {
+    let material = Material::short();
+    let campaign = Campaign::new(material, "");
+    let step = first_record(material.undisturbed(), "north");
+    let list = campaign.path("state/site.db.suspects");
+    fs::write(&list, format!("{{\"{step}\": 1}}")).unwrap();
+    let ends = || {
+        let list: serde_json::Value = serde_json::from_slice(&fs::read(&list).unwrap()).unwrap();
+        let of_step = &list[&step];
+        of_step["alone"].as_u64().or(of_step.as_u64())
+    };
+    let mut feed = campaign.feed();
+    feed.offer(1.0);
+    let mut daemon = campaign.start(&[]);
+    stopped_trial(&mut daemon);
+    // A tick finds that the store is gone, and that it is back.
+    let (store, away) = (campaign.path("state/site.db"), campaign.path("state/away"));
+    fs::rename(&store, &away).unwrap();
+    daemon.wait_until("it is missed", |log| log.contains("while it was written"));
+    fs::rename(&away, &store).unwrap();
+    daemon.signal("-TERM");
+    assert_eq!(daemon.wait().code(), Some(0), "{}", daemon.log());
+    assert!(!daemon.log().contains("still analysed"), "{}", daemon.log());
+    assert_eq!(ends(), Some(1));
+
+    let mut daemon = campaign.start(&[]);
+    let child = stopped_trial(&mut daemon);
+    daemon.signal("-KILL");
+    daemon.wait();
+    // Without the daemon it leaves.
+    signal(child, "-CONT");
+    let mut daemon = campaign.start(&[]);
+    daemon.wait_until("it is ready", |log| log.contains("ready"));
+    assert_eq!(ends(), Some(2));
+    let until = Instant::now() + DEADLINE;
+    while fs::read_to_string(format!("/proc/{child}/stat")).is_ok_and(|stat| !stat.contains(") Z ")) {
+        assert!(Instant::now() < until, "the child stays");
+        thread::sleep(Duration::from_millis(10));
+    }
+}
+
 #[test]
 fn what_was_only_killed_from_outside_is_tried_apart_and_cleared() {
     let material = Material::short();
     let campaign = Campaign::new(material, "");
     let made = material.undisturbed();
-    // A record of every rod, a file and a part of the journal, each as if the daemon had ended at it alone, twice.
-    let identity = |rod: &str| {
-        let first = made[rod].lines().find(|line| line.starts_with("record\t"));
-        let (_, rest) = first.unwrap().split_once("identity=Blob([").unwrap();
-        let bytes = rest.split_once("])").unwrap().0.split(", ");
-        bytes
-            .map(|byte| format!("{:02x}", byte.parse::<u8>().unwrap()))
-            .collect::<String>()
-    };
-    let mut suspects: BTreeMap<String, u32> = RODS
-        .iter()
-        .map(|rod| (format!("record {} of rod {rod}", identity(rod)), 2))
-        .collect();
+    // A record of every rod, a file and a part of the journal, each as if the daemon had ended at it alone.
+    let mut suspects: BTreeMap<String, u32> = RODS.iter().map(|rod| (first_record(made, rod), 1)).collect();
     for file in ["north-000.mcap", "journal/journal.000001.mcap"] {
-        suspects.insert(format!("file {file}"), 2);
-        suspects.insert(format!("{file}@0+0"), 2);
+        suspects.insert(format!("file {file}"), 1);
+        suspects.insert(format!("{file}@0+0"), 1);
     }
     let memory = campaign.path("state/site.db.suspects");
     fs::write(&memory, serde_json::to_vec(&suspects).unwrap()).unwrap();

@@ -216,6 +216,28 @@ fn a_new_sink_is_told_what_stands_and_then_what_comes() {
 }
 
 #[test]
+fn a_centre_tells_what_stands_or_that_it_was_raised_and_not_both() {
+    let (desk, fake) = (Desk::new(), Fake::new(&[]));
+    // Killed after it noted from where on it tells, and before it told what stood there.
+    for mark in ["hook/conditions", "hook"] {
+        desk.reports.send((mark.to_owned(), 0)).unwrap();
+    }
+    eventually("they are noted", || desk.delivered("hook") == Some(0));
+    // More conditions than are read at once.
+    let about: Vec<String> = (0..130).map(|number| format!("sink-{number}")).collect();
+    desk.relay("todi", &["nave-1"], &about);
+    let couriers = desk.start(&to(&fake));
+    eventually("all is marked", || {
+        desk.delivered("hook") == Some(1) && desk.delivered("hook/conditions") == Some(130)
+    });
+    couriers.stop();
+    let bodies = fake.bodies();
+    assert_eq!(bodies.len(), 131);
+    assert!(field(&bodies, "what").iter().all(|what| *what == "raised"));
+    assert!(field(&bodies, "site").iter().all(|site| *site == "todi"));
+}
+
+#[test]
 fn a_reload_sends_nothing_twice() {
     let (desk, fake) = (Desk::new(), Fake::new(&[]));
     // No mark reaches the store: only the couriers themselves know how far they are.

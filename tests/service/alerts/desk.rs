@@ -15,7 +15,7 @@ use tirante::config::Config;
 use tirante::config::settings::alert::SinkSettings;
 use tirante::service::alert::{Couriers, Pace};
 use tirante::service::telemetry::{Fault, Health, Telemetry};
-use tirante::site::store::{Commit, Durability, RodRow, Store};
+use tirante::site::store::{Commit, ConditionEvent, Durability, Relayed, RodRow, Store};
 
 pub const SITE: &str = "Duomo";
 
@@ -107,6 +107,32 @@ impl Desk {
             })
             .unwrap();
         alarm
+    }
+
+    /// As at a centre: alarms of rods of a site, and conditions of its daemon about these subjects.
+    pub fn relay(&self, site: &str, rods: &[&str], about: &[String]) {
+        let raised = |rod: &&str| {
+            let id = RodId(format!("{site}/{rod}"));
+            let mut alarm = Alarm::new(&id, Kind::Sensor, 1, at(0), format!("Alarm of {rod}."));
+            alarm.id = format!("{site}/{}", alarm.id);
+            AlarmEvent {
+                what: What::Raised,
+                time: at(0),
+                alarm,
+            }
+        };
+        let begun = |about: &String| {
+            let mut begun = ConditionEvent::raised("sink", about, at(0), "refused");
+            begun.condition = format!("{site}/{}", begun.condition);
+            begun
+        };
+        let relayed = Relayed {
+            owner: site.to_owned(),
+            events: rods.iter().map(raised).collect(),
+            notices: about.iter().map(begun).collect(),
+            ..Relayed::default()
+        };
+        self.store.lock().unwrap().relay(&relayed).unwrap();
     }
 
     /// An alarm that ends with its condition.

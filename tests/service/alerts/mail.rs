@@ -212,6 +212,36 @@ fn forty_alarms_of_a_minute_are_one_mail_and_a_single_one_is_as_before() {
 }
 
 #[test]
+fn a_centre_puts_the_alarms_of_its_sites_into_one_mail_by_site() {
+    let desk = Desk::new();
+    let Some(server) = Mailer::start(&desk, "plain", 0) else {
+        return;
+    };
+    let text = server.sink(&desk, "smtp", "\"a@example.org\"", "group_s = 1\n");
+    let couriers = desk.start(&sinks(&text));
+    eventually("the sink is known", || desk.delivered("mail/standing").is_some());
+    desk.relay("todi", &["nave-1"], &[]);
+    desk.relay("gubbio", &["apse"], &[]);
+    desk.relay("todi", &["nave-2"], &[]);
+    couriers.wake();
+    eventually("all are marked", || desk.delivered("mail") == Some(3));
+    couriers.stop();
+    let mails = server.mails();
+    assert_eq!(mails.len(), 1, "{mails:?}");
+    assert_eq!(mails[0]["subject"], "2 sites: 3 messages: 3 sensor raised");
+    let body = mails[0]["body"].as_str().unwrap();
+    let order = [
+        "== todi: 2 messages",
+        "rod nave-1,",
+        "rod nave-2,",
+        "== gubbio: 1 messages",
+        "rod apse,",
+    ];
+    let places: Vec<Option<usize>> = order.iter().map(|words| body.find(words)).collect();
+    assert!(places.iter().all(Option::is_some) && places.is_sorted(), "{body}");
+}
+
+#[test]
 fn a_server_that_says_nothing_is_left_after_the_deadline() {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("smtp://{}", listener.local_addr().unwrap());

@@ -240,10 +240,11 @@ impl<'a> Mixture<'a> {
         let d = z.len();
         let power = -(((self.freedom + d) / 2) as i32);
         let freedom = self.freedom as f64;
+        let mut sums = vec![0.0; d];
         let sum: f64 = self
             .kernels
             .iter()
-            .map(|kernel| kernel.density * (1.0 + kernel.square(z) / freedom).powi(power))
+            .map(|kernel| kernel.density * (1.0 + kernel.square(z, &mut sums) / freedom).powi(power))
             .sum();
         let square: f64 = z.iter().map(|z| z * z).sum();
         let wide = (1.0 + square / (freedom * WIDE.1 * WIDE.1)).powi(power) * WIDE.1.powi(-(d as i32));
@@ -262,20 +263,19 @@ impl Kernel {
         })
     }
 
-    /// Squared distance of a place from the centre, in units of the kernel.
-    fn square(&self, z: &[f64]) -> f64 {
-        let d = z.len();
-        let inverse = self.inverse.as_slice();
-        let mut square = 0.0;
-        for row in 0..d {
-            // Lower triangle, column-major.
-            let mut sum = 0.0;
-            for column in 0..=row {
-                sum += inverse[column * d + row] * (z[column] - self.centre[column]);
+    /// Squared distance of a place from the centre, in units of the kernel. Column by column, so that `sums`, one of each row in the order
+    /// of its columns, are a vector.
+    fn square(&self, z: &[f64], sums: &mut [f64]) -> f64 {
+        sums.fill(0.0);
+        let columns = self.inverse.as_slice().chunks_exact(z.len());
+        for (first, (column, (z, centre))) in columns.zip(z.iter().zip(&self.centre)).enumerate() {
+            let away = z - centre;
+            // The lower triangle.
+            for (sum, own) in sums[first..].iter_mut().zip(&column[first..]) {
+                *sum += own * away;
             }
-            square += sum * sum;
         }
-        square
+        sums.iter().fold(0.0, |square, sum| square + sum * sum)
     }
 }
 

@@ -42,7 +42,7 @@ pub enum Event {
         /// Ascending in time.
         readings: Vec<Reading>,
     },
-    /// What several sensors of a rod gave of one moment.
+    /// Events of one moment from several sensors of a rod.
     Moment(Moment),
 }
 

@@ -273,14 +273,7 @@ mod tests {
                 log_sd,
             }
         };
-        Observation {
-            start: Timestamp::from_nanos(0),
-            duration_s: 60.0,
-            modes: (0..3).map(mode).collect(),
-            readings: Vec::new(),
-            rms: 1e-5,
-            conflict: 0.0,
-        }
+        Observation::of_modes(Timestamp::from_nanos(0), (0..3).map(mode).collect())
     }
 
     fn swing(t: usize) -> f64 {

@@ -1,4 +1,4 @@
-//! Rods with one reading a day or less: the weeks in which a bank learns what a reading misses, and what it says of a record a day after
+//! Tests of rods with one reading a day or less: the weeks in which a bank learns what a reading misses, and what it says of a record a day after
 //! one.
 
 use super::{BankPrior, Detector, Filters, Regressors, Seen, ThermalPrior};

@@ -84,6 +84,17 @@ pub struct ThermalPrior {
 }
 
 impl BankPrior {
+    fn of(stated_sd: f64, columns: Vec<Coefficient>, members: Vec<Fluctuation>, kick: f64) -> Self {
+        Self {
+            stated_sd: believable(stated_sd),
+            noise_sd: believable(stated_sd).max(LEAST_NOISE_SD),
+            intercept_sd: INTERCEPT_SD,
+            columns,
+            members,
+            kick,
+        }
+    }
+
     /// Thermometer: filters of its readings, curvature, two transients, a yearly pair.
     ///
     /// The columns are those of [`super::Regressors::thermal`]. The slope's mean is put on the filter of six hours.
@@ -95,26 +106,22 @@ impl BankPrior {
         columns.push(centred(thermal.curvature_sd_per_k2));
         columns.extend([centred(TRANSIENT_SD); 2]);
         columns.extend([centred(YEARLY_SD[0]); 2]);
-        Self {
-            stated_sd: believable(stated_sd),
-            noise_sd: believable(stated_sd).max(LEAST_NOISE_SD),
-            intercept_sd: INTERCEPT_SD,
+        Self::of(
+            stated_sd,
             columns,
-            members: beside_a_cause(),
-            kick: KICK[usize::from(thermal.is_sparse)],
-        }
+            beside_a_cause(),
+            KICK[usize::from(thermal.is_sparse)],
+        )
     }
 
     /// A force without effect of temperature: a yearly pair.
     pub fn unmoved(stated_sd: f64) -> Self {
-        Self {
-            stated_sd: believable(stated_sd),
-            noise_sd: believable(stated_sd).max(LEAST_NOISE_SD),
-            intercept_sd: INTERCEPT_SD,
-            columns: vec![centred(YEARLY_SD[0]); 2],
-            members: beside_a_cause(),
-            kick: KICK[0],
-        }
+        Self::of(
+            stated_sd,
+            vec![centred(YEARLY_SD[0]); 2],
+            beside_a_cause(),
+            KICK[0],
+        )
     }
 
     /// Thermometer and other rods: the columns of [`BankPrior::thermal`], then the median of the other rods' ratios and its
@@ -134,26 +141,18 @@ impl BankPrior {
     pub fn peers(stated_sd: f64) -> Self {
         let [mean, sd, square_sd] = ONLY_MEDIAN;
         let yearly = centred(YEARLY_SD[1]);
-        Self {
-            stated_sd: believable(stated_sd),
-            noise_sd: believable(stated_sd).max(LEAST_NOISE_SD),
-            intercept_sd: INTERCEPT_SD,
-            columns: vec![Coefficient { mean, sd }, centred(square_sd), yearly, yearly],
-            members: beside_other_rods(),
-            kick: KICK[1],
-        }
+        let columns = vec![Coefficient { mean, sd }, centred(square_sd), yearly, yearly];
+        Self::of(stated_sd, columns, beside_other_rods(), KICK[1])
     }
 
     /// The rod's own data only: a yearly pair, and members that allow for the weather.
     pub fn blind(stated_sd: f64) -> Self {
-        Self {
-            stated_sd: believable(stated_sd),
-            noise_sd: believable(stated_sd).max(LEAST_NOISE_SD),
-            intercept_sd: INTERCEPT_SD,
-            columns: vec![centred(YEARLY_SD[2]); 2],
-            members: beside_nothing(),
-            kick: KICK[0],
-        }
+        Self::of(
+            stated_sd,
+            vec![centred(YEARLY_SD[2]); 2],
+            beside_nothing(),
+            KICK[0],
+        )
     }
 
     /// Sets readings as sparse or dense.

@@ -1,4 +1,4 @@
-//! Rods of a site that come, go, and lose their inputs: what stands in for what is missing.
+//! Tests of rods of a site that come, go, and lose their inputs: other inputs take the place of those that are missing.
 
 use super::filters::FILTERS_D;
 use super::others::{MOVING, Neighbour, Others};

@@ -7,7 +7,7 @@
 //! A_ij = a - h_i - h_j + h_ij,    h = tau (1 - e^(-a / tau)),    1 / tau_ij = 1 / tau_i + 1 / tau_j
 //! ```
 //!
-//! What it did between readings is left to the noise that a bank learns: it is much the same in every period.
+//! Its course between readings is left to the noise that a bank learns: it is much the same in every period.
 
 use super::filters::FILTERS_D;
 

@@ -1,4 +1,4 @@
-//! What the channels of a site showed of late, and two channels that are exchanged.
+//! Recent frequencies of the channels of a site, and two channels that are exchanged.
 
 use super::exchange::{self, Channel, Pair};
 use crate::signal::record::{RodId, Timestamp};

@@ -1,15 +1,15 @@
 //! The study's page beyond the paper's tables: sensitivity, emulators, other assumptions, worth of further
 //! measurements.
 
-use super::figures::{COLOURS, figure};
+use super::figures::COLOURS;
 use super::with_error;
 use crate::analysis::lab::study::Study;
 use crate::analysis::lab::study::estimate::Estimate;
 use crate::command::report_page::axis::{self, minus};
 use crate::command::report_page::distribution::{quantity, significant};
-use crate::command::report_page::figure::Figure;
+use crate::command::report_page::figure::{Figure, figure};
 use crate::command::report_page::markup::Markup;
-use crate::command::report_page::rod::{self, Cell};
+use crate::command::report_page::table::{Cell, table};
 
 pub(super) fn sensitivity(main: &mut Markup, study: &Study) {
     main.leaf("h2", &[], "Sensitivity");
@@ -36,7 +36,7 @@ pub(super) fn sensitivity(main: &mut Markup, study: &Study) {
         "Total, Monte Carlo",
     ];
     let caption = "Sobol's indices under Table 1's prior: from the chaos's coefficients, and by Saltelli's estimate on the exact model.";
-    rod::table(main, caption, &header, &rows);
+    table(main, caption, &header, &rows);
     main.leaf(
         "h3",
         &[],
@@ -105,7 +105,7 @@ pub(super) fn emulators(main: &mut Markup, study: &Study) {
         "Variance on the design [Hz\u{b2}]",
     ];
     let caption = "Against the exact model on 20 000 draws of Table 1's prior; those outside an emulator's design, where the exact model answers, left out. The slope is d ln f / d ln N. Paper: variances below 1.364e-5 Hz\u{b2}, largest errors 5e-3, 5e-2, 4e-2 Hz.";
-    rod::table(main, caption, &header, &rows);
+    table(main, caption, &header, &rows);
     times(main, study);
 }
 
@@ -137,7 +137,7 @@ fn times(main: &mut Markup, study: &Study) {
         study.effort.abc_draws,
         study.effort.mcmc_steps
     );
-    rod::table(main, &caption, &["What", "Model", "Time"], &rows);
+    table(main, &caption, &["What", "Model", "Time"], &rows);
 }
 
 /// A time with its unit.
@@ -181,7 +181,7 @@ pub(super) fn beyond(main: &mut Markup, study: &Study) {
         "N by ABC [kN]",
     ];
     let caption = "Posterior means by MCMC on the reduced emulator, in brackets the coefficients of variation. Conflict: how far the record lies from every beam; only room for a wrong model (1 to 3 % a mode) or for a wrong record (1 Hz) lets the data be what they are. ABC: this program's, regression-adjusted where the record is within reach of the draws. The paper's MCMC columns: 605 (0.168), 158 (0.318), 7520 (0.096), 0.076 (0.074), and on the chaos 573 (0.206), 153 (0.349), 7299 (0.086), 0.074 (0.087).";
-    rod::table(main, caption, &header, &rows);
+    table(main, caption, &header, &rows);
     main.leaf("h3", &[], "What to measure next");
     let rows: Vec<Vec<Cell>> = study
         .worth
@@ -207,7 +207,7 @@ pub(super) fn beyond(main: &mut Markup, study: &Study) {
         study.effort.rods
     );
     let header = ["Measured", "CV of N [%]", "Of the first row's", "Rods"];
-    rod::table(main, &caption, &header, &rows);
+    table(main, &caption, &header, &rows);
     main.leaf("h3", &[], "The ladder of samplers");
     let rows: Vec<Vec<Cell>> = study
         .ladder
@@ -230,7 +230,7 @@ pub(super) fn beyond(main: &mut Markup, study: &Study) {
         "sd over exact",
     ];
     let caption = "A record that the model can produce (the rod at the prior means, errors of 31.6 mHz): each sampler against the exact posterior.";
-    rod::table(main, caption, &header, &rows);
+    table(main, caption, &header, &rows);
 }
 
 /// Mean and, in brackets, coefficient of variation.

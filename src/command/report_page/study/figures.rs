@@ -9,22 +9,11 @@ use crate::analysis::lab::study::table3::Row;
 use crate::analysis::rod::prior::RodPrior;
 use crate::command::report_page::axis::{self, Tick};
 use crate::command::report_page::distribution::quantity;
-use crate::command::report_page::figure::Figure;
+use crate::command::report_page::figure::{Figure, figure};
 use crate::command::report_page::markup::Markup;
 
 /// Colours of curves side by side.
 pub(super) const COLOURS: [&str; 6] = ["c1", "c2", "c3", "c4", "c5", "c6"];
-
-pub(super) fn figure(main: &mut Markup, svg: Markup, caption: &str) {
-    main.element("figure", &[], |figure| {
-        figure.element("div", &[("class", "scroll"), ("tabindex", "0")], |div| {
-            div.append(svg)
-        });
-        if !caption.is_empty() {
-            figure.leaf("figcaption", &[], caption);
-        }
-    });
-}
 
 /// Densities of inferred quantity `i`: name, colour, values on the grid of its prior.
 pub(super) fn densities(

@@ -11,7 +11,7 @@ use std::io::{self, Read, Seek, SeekFrom};
 /// Most bytes of messages that are put in order at once, chunks that overlap in time.
 pub(super) const WINDOW: usize = 32 << 20;
 
-/// How a file is read.
+/// Order in which a file is read.
 pub(super) enum Order {
     /// It is in order, or no other order is certain.
     AsItStands,

@@ -4,7 +4,8 @@ use super::listing::label;
 use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::read::series::modified_ns;
 use crate::recording::read::{Recording, SourceError, Step};
-use crate::service::daemon::steps::{Guard, Watch};
+use crate::service::daemon::steps::Guard;
+use crate::service::daemon::supervision::Watch;
 use crate::service::daemon::trial::Input;
 use crate::service::telemetry::Health;
 use std::convert::Infallible;
@@ -81,7 +82,7 @@ impl Lane {
     /// Takes the next step; `None` if the file must be looked up again.
     pub(super) fn step(
         &mut self,
-        watch: &mut Watch,
+        watch: &mut dyn Watch,
         settle: Duration,
         health: &Health,
     ) -> Option<Step<Infallible>> {

@@ -5,12 +5,12 @@ mod listing;
 
 use self::lane::{Lane, Stamp, has_end, stamp};
 use self::listing::{Entry, Listing, label, name_of};
-use super::steps::Watch;
+use super::supervision::Watch;
 use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::read::folder::first_time;
 use crate::recording::read::recordings::FileResult;
 use crate::recording::read::{HELD, Step};
-use crate::service::telemetry::{Fault, Health};
+use crate::service::telemetry::{Beat, Fault, Health};
 use crate::site::store::{FileMark, FileState};
 use rustix::fs::{Mode, OFlags};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
@@ -29,6 +29,8 @@ const SCAN_EVERY: Duration = Duration::from_secs(1);
 const SCAN_SHARE: u32 = 20;
 /// Most growing recordings read at once.
 const MOST_GROWING: usize = 64;
+/// Subject of the condition that there are more.
+const GROWING: &str = "growing recordings";
 /// Most bytes that growing recordings may hold together; beyond, the largest is read when it is finished.
 const GROWING_BYTES: usize = 32 << 20;
 /// Least room for the samples of a recording, whatever the journal and the other recordings hold \[bytes\].
@@ -68,6 +70,8 @@ pub(super) struct Folder {
     elsewhere: usize,
     /// True if the growing files have the next turn.
     is_turn_of_growing: bool,
+    /// Number of growing files that have no place, at the last look.
+    crowded: usize,
     /// True at the start, until all finished files present then are read.
     catches_up: bool,
 }
@@ -115,6 +119,7 @@ impl Folder {
             next_scan: Instant::now(),
             elsewhere: 0,
             is_turn_of_growing: false,
+            crowded: 0,
             catches_up: true,
         }
     }
@@ -147,11 +152,16 @@ impl Folder {
 
     /// Takes one step: a scan if due, or at most one record or chunk of one file. `elsewhere`: bytes of samples
     /// that the journal holds.
-    pub fn step(&mut self, watch: &mut Watch, stop: &AtomicBool, elsewhere: usize) -> FolderStep {
+    pub fn step(
+        &mut self,
+        watch: &mut dyn Watch,
+        (stop, beat): (&AtomicBool, &Beat),
+        elsewhere: usize,
+    ) -> FolderStep {
         self.elsewhere = elsewhere;
         if Instant::now() >= self.next_scan {
             let began = Instant::now();
-            self.scan(stop);
+            self.scan(stop, beat);
             let took = began.elapsed();
             self.next_scan = Instant::now() + SCAN_EVERY.max(SCAN_SHARE * took);
         }
@@ -188,7 +198,7 @@ impl Folder {
     }
 
     /// Takes a step of the next growing file with data.
-    fn step_growing(&mut self, watch: &mut Watch) -> Option<FolderStep> {
+    fn step_growing(&mut self, watch: &mut dyn Watch) -> Option<FolderStep> {
         for _ in 0..self.growing.len() {
             let mut lane = self.growing.pop_front()?;
             lane.recording.bound(self.room());
@@ -237,9 +247,9 @@ impl Folder {
         }
     }
 
-    fn close(&mut self, mut lane: Lane, watch: &Watch) -> FolderStep {
+    fn close(&mut self, mut lane: Lane, watch: &dyn Watch) -> FolderStep {
         let (size, modified_ns) = lane.stamp;
-        (watch.is_read)(&lane.label);
+        watch.is_read(&lane.label);
         let quarantined = lane.guard.end(&lane.label);
         if quarantined.is_some() {
             self.set_aside.insert(lane.name.clone());
@@ -262,14 +272,16 @@ impl Folder {
     }
 
     /// Looks for files that are new or changed.
-    fn scan(&mut self, stop: &AtomicBool) {
+    fn scan(&mut self, stop: &AtomicBool, beat: &Beat) {
         let mut there = BTreeSet::new();
+        self.crowded = 0;
         let mut links = BTreeSet::new();
         let mut unreadable = BTreeMap::new();
         for entry in Listing::of(Arc::clone(&self.path), self.has_subfolders) {
             if stop.load(Ordering::Relaxed) {
                 return;
             }
+            beat.pass();
             match entry {
                 Entry::Recording(name, data) => {
                     self.found(&name, stamp(&data), &data);
@@ -281,6 +293,16 @@ impl Folder {
                 Entry::Unreadable(folder, fault) => {
                     unreadable.insert(folder, fault);
                 }
+            }
+        }
+        match self.crowded {
+            0 => self.health.over(Fault::Folder, GROWING),
+            more => {
+                let detail = format!(
+                    "{more} recordings more than {MOST_GROWING} grow at once: they are read when others have ended; put the topics of \
+                     several sensors into one recording"
+                );
+                self.health.hold(Fault::Folder, GROWING, detail);
             }
         }
         for name in links.difference(&self.links) {
@@ -351,7 +373,11 @@ impl Folder {
             let time = first_time(&file).unwrap_or(u64::MAX);
             self.queue.insert((time, name.to_owned()));
             self.queued.insert(name.to_owned(), stamp);
-        } else if self.growing.len() < MOST_GROWING && !self.postponed.contains(name) {
+        } else if self.postponed.contains(name) {
+            // Until it is finished.
+        } else if self.growing.len() >= MOST_GROWING {
+            self.crowded += 1;
+        } else {
             match Lane::begin(&self.path, name, file, true, &self.channels, &self.settings) {
                 Ok(lane) => self.growing.push_back(lane),
                 Err(error) => self.health.fault(Fault::Folder, error),

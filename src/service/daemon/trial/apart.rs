@@ -20,6 +20,9 @@ use std::path::Path;
 use std::thread;
 use std::time::Duration;
 
+/// Address space that a daemon may take between a trial and the step: plans of transforms, stacks of threads \[bytes\].
+const GROWTH: usize = 16 << 20;
+
 /// Takes the step that standard input describes. The places of a file that is read go to standard output.
 ///
 /// # Errors
@@ -53,14 +56,16 @@ fn leave_with_the_daemon() -> io::Result<()> {
     thread::Builder::new().spawn(watch).map(drop)
 }
 
-/// Takes as much address space as the daemon has: the system's limit then leaves the same room.
+/// Takes as much address space as the daemon has, and what that may still take before it comes to the step: the system's
+/// limit then leaves the same room. Without room for both the first alone.
 fn ballast(daemon: u64) -> anyhow::Result<Vec<u8>> {
     let own = process::address_space().unwrap_or(daemon);
+    let size = usize::try_from(daemon.saturating_sub(own))?;
     let mut ballast = Vec::new();
     // Reserved and never touched, it takes no memory.
-    ballast
-        .try_reserve_exact(usize::try_from(daemon.saturating_sub(own))?)
-        .context("no address space")?;
+    if daemon == 0 || ballast.try_reserve_exact(size + GROWTH).is_err() {
+        ballast.try_reserve_exact(size).context("no address space")?;
+    }
     // Nobody uses it, and it must be there.
     Ok(std::hint::black_box(ballast))
 }
@@ -71,6 +76,7 @@ fn analyse(event: Event, mut config: Config, address_space: u64) -> anyhow::Resu
     let plans = prepared::plans(&config, |_| |_, _| ())?;
     plans.get(&rod).context("no such rod")?.table();
     let ballast = ballast(address_space)?;
+    at_the_step(Place::default());
     std::hint::black_box(analyse::analyse(event, &plans, &Known::new()));
     drop(ballast);
     Ok(())
@@ -99,22 +105,25 @@ fn read(reading: &Reading, config: &Config, store: &Path, address_space: u64) ->
     Ok(())
 }
 
+/// Tells the daemon that the step at a place is begun: what happens before blames nothing.
+fn at_the_step(place: Place) {
+    let mut output = io::stdout().lock();
+    // A parent that does not listen has ended.
+    let _ = output.write_all(&place.to_bytes()).and_then(|()| output.flush());
+}
+
 /// Reads past the places, or ends the file at the first of them and takes what came before.
 fn pass<S: Source>(mut source: S, reading: &Reading) {
     let mut left = reading.places.clone();
     let mut steps = Steps::default();
     let mut has_ended = false;
-    let mut output = io::stdout().lock();
     loop {
         let here = source
             .position()
             .filter(|(name, _)| **name == *reading.name)
             .map(|(_, offset)| steps.next(offset));
         if let Some(here) = here.filter(|_| !has_ended) {
-            // A parent that does not listen has ended.
-            let _ = output
-                .write_all(&Place::to_bytes(here))
-                .and_then(|()| output.flush());
+            at_the_step(here);
             if reading.ends_there && left.contains(&here) {
                 source.abandon("tried apart");
                 has_ended = true;

@@ -16,11 +16,14 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 /// Number of children that must die of a step before it is set aside.
 pub const DEATHS: u32 = 2;
 /// Most children for one verdict: one that is killed from outside says nothing.
 const TRIES: u32 = 4;
+/// Longest trial: nothing is learned after it. A step that would hang the daemon is ended by the watchdog, and counted.
+const PATIENCE: Duration = Duration::from_mins(2);
 
 /// A step to be tried, as the child gets it on its standard input: with an event to be written, or one that was read.
 #[derive(Debug, Serialize, Deserialize)]
@@ -78,7 +81,7 @@ pub enum Verdict {
         /// Manner of the last death.
         how: String,
         /// Place of the file where it was.
-        at: Option<Place>,
+        at: Place,
     },
     /// The daemon stops.
     Stopped,
@@ -96,7 +99,7 @@ pub struct Trials {
 }
 
 impl Trials {
-    /// Trials by this program, beside this store; `beat` passes while the work loop waits for one.
+    /// Trials by this program, beside this store; `beat` passes while the reader waits for one.
     pub fn new(program: Option<PathBuf>, store: PathBuf, config: String, beat: Arc<Beat>) -> Self {
         Self {
             program,
@@ -119,7 +122,7 @@ impl Trials {
 
     /// Tries the analysis of a record or a moment.
     pub fn of_analysis(&self, what: &str, event: &Event) -> Verdict {
-        self.try_apart(what, Step::Analysis(EventToSave(event)), Some(&self.beat))
+        self.try_apart(what, Step::Analysis(EventToSave(event)))
     }
 
     /// Tries to read a file past these places; with `ends_there`, up to the first of them, and to bring what came before to its end.
@@ -130,11 +133,10 @@ impl Trials {
             places: places.to_vec(),
             ends_there,
         };
-        // The work loop goes on beside a reader.
-        self.try_apart(name, Step::Reading(reading), None)
+        self.try_apart(name, Step::Reading(reading))
     }
 
-    fn try_apart(&self, what: &str, step: Step<EventToSave<'_>>, beat: Option<&Beat>) -> Verdict {
+    fn try_apart(&self, what: &str, step: Step<EventToSave<'_>>) -> Verdict {
         let Some(program) = &self.program else {
             return Verdict::Cleared;
         };
@@ -146,9 +148,10 @@ impl Trials {
             step,
         };
         tracing::info!("{what}: the program ended twice at this step; it is tried in a process of its own");
+        let until = Instant::now() + PATIENCE;
         let mut deaths = 0;
         for _ in 0..TRIES {
-            match child::run(program, &case, beat, &self.is_over) {
+            match child::run(program, &case, until, (&self.beat, &self.is_over)) {
                 Ended::Well => {
                     tracing::info!("{what}: a process of its own took that step; nothing is set aside");
                     return Verdict::Cleared;
@@ -192,6 +195,9 @@ mod tests {
         )
     }
 
+    /// Tells the place 0+0.
+    const AT_THE_STEP: &str = "head -c 16 /dev/zero";
+
     fn verdict(trials: &Trials) -> Verdict {
         let input = Input::Journal {
             folder: PathBuf::new(),
@@ -202,7 +208,7 @@ mod tests {
     #[test]
     fn the_way_a_child_ends_is_the_verdict() {
         let folder = tempfile::tempdir().unwrap();
-        let of = |script: &str| verdict(&trials(folder.path(), script));
+        let of = |script: &str| verdict(&trials(folder.path(), &format!("{AT_THE_STEP}; {script}")));
         assert_eq!(of("exit 0"), Verdict::Cleared);
         for (script, how) in [
             ("kill -ABRT $$", "SIGABRT"),
@@ -211,7 +217,7 @@ mod tests {
         ] {
             let verdict = of(script);
             assert!(
-                matches!(&verdict, Verdict::Died { how: told, at: None } if told.contains(how)),
+                matches!(&verdict, Verdict::Died { how: told, .. } if told.contains(how)),
                 "{script}: {verdict:?}"
             );
         }
@@ -229,10 +235,27 @@ mod tests {
     }
 
     #[test]
+    fn a_child_that_did_not_reach_the_step_blames_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let of = |script: &str| verdict(&trials(folder.path(), script));
+        let much = "x=$(head -c 300000000 /dev/zero | tr '\\0' x)";
+        for script in [
+            "kill -ABRT $$",
+            "exit 101",
+            &format!("{much}; {AT_THE_STEP}; sleep 1; kill -KILL $$"),
+        ] {
+            assert_eq!(of(script), Verdict::Cleared, "{script}");
+        }
+    }
+
+    #[test]
     fn one_death_is_an_accident_and_the_place_is_the_last_one_told() {
         let folder = tempfile::tempdir().unwrap();
         let once = folder.path().join("once");
-        let script = format!("[ -e {0} ] && exit 0; touch {0}; kill -ABRT $$", once.display());
+        let script = format!(
+            "{AT_THE_STEP}; [ -e {0} ] && exit 0; touch {0}; kill -ABRT $$",
+            once.display()
+        );
         assert_eq!(verdict(&trials(folder.path(), &script)), Verdict::Cleared);
         // Two places of sixteen bytes and the beginning of a third.
         let place = |offset: u8| format!("\\{offset:o}\\0\\0\\0\\0\\0\\0\\0\\3\\0\\0\\0\\0\\0\\0\\0");
@@ -240,7 +263,7 @@ mod tests {
         let Verdict::Died { at, .. } = verdict(&trials(folder.path(), &script)) else {
             panic!("it died");
         };
-        assert_eq!(at, Some(Place { offset: 2, taken: 3 }));
+        assert_eq!(at, Place { offset: 2, taken: 3 });
     }
 
     #[test]
@@ -248,7 +271,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         // Reads more into memory than any step may need, and is killed while it holds it.
         let script = "x=$(head -c 300000000 /dev/zero | tr '\\0' x); sleep 1; kill -KILL $$";
-        let verdict = verdict(&trials(folder.path(), script));
+        let verdict = verdict(&trials(folder.path(), &format!("{AT_THE_STEP}; {script}")));
         assert!(
             matches!(&verdict, Verdict::Died { how, .. } if how.contains("MB")),
             "{verdict:?}"

@@ -1,6 +1,7 @@
 // The alarms: active, over, and acknowledged ones.
 
 import { ask, el, live, rodLink, show, table, time } from "./common.js";
+import { siteAtCentre } from "./place.js";
 
 const content = document.getElementById("content");
 const said = el("p", { role: "status", id: "said" });
@@ -67,10 +68,16 @@ function row(alarm) {
     cell("is", stands, alarm.acknowledged ? el("small", {}, `acknowledged ${time(alarm.acknowledged)}`) : null,
       alarm.acknowledged_words ? el("small", {}, alarm.acknowledged_words) : null,
       alarm.cleared ? el("small", {}, `condition ended ${time(alarm.cleared)}`) : null),
-    el("td", {}, alarm.acknowledged || !alarm.stands ? "" : el("button", {
-      type: "button", "aria-label": `acknowledge ${alarm.kind} of ${alarm.rod}, raised ${time(alarm.raised)}`,
-      onclick: () => acknowledge(alarm),
-    }, "acknowledge")));
+    el("td", {}, alarm.acknowledged || !alarm.stands ? "" : toDo(alarm)));
+}
+
+// A centre acknowledges by a signed command to the site; its page can change nothing.
+function toDo(alarm) {
+  if (siteAtCentre) return el("small", {}, "acknowledge it with ", el("code", {}, `tirante hub command ${siteAtCentre} acknowledge ${alarm.id} --by NAME --reason TEXT`));
+  return el("button", {
+    type: "button", "aria-label": `acknowledge ${alarm.kind} of ${alarm.rod}, raised ${time(alarm.raised)}`,
+    onclick: () => acknowledge(alarm),
+  }, "acknowledge");
 }
 
 async function draw() {

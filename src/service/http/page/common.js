@@ -1,5 +1,7 @@
 // Functions shared by every document of the page: requests, elements, formatted numbers, the live stream.
 
+import { siteAtCentre } from "./place.js";
+
 export async function ask(path, options) {
   const { response, text } = await fetch(path, { headers: { accept: "application/json" }, ...options })
     .then(async (response) => ({ response, text: await response.text() }))
@@ -111,9 +113,8 @@ export function force(status, show) {
   return [mark + (status.compensated || !status.relative_force ? "" : "~"), ...interval(status.force_n, show)];
 }
 
-// At a centre the page of a site is below the list of all sites.
-const centre = /^(.*\/)sites\/[^/]+\//.exec(location.pathname);
-if (centre) document.querySelector("nav")?.prepend(el("a", { href: centre[1] }, "Sites"));
+// At a centre the documents of a site are in sites/SITE/ below the list of all sites, wherever a proxy puts that.
+if (siteAtCentre) document.querySelector("nav")?.prepend(el("a", { href: "../../" }, "Sites"));
 
 export const rodLink = (rod) => `rod?id=${encodeURIComponent(rod)}`;
 

@@ -11,6 +11,7 @@ use std::sync::OnceLock;
 use std::thread;
 use std::time::{Duration, Instant};
 use tirante::config::HubConfig;
+use tirante::service::forward::message::STREAM;
 use tirante::service::hub;
 use tirante::site::store::{ChangedRow, Reader};
 
@@ -33,7 +34,8 @@ pub struct Fleet {
     pub edges: Vec<Edge>,
     hub: Option<Child>,
     postgres: Option<Postgres>,
-    nats: Nats,
+    /// The servers of one post.
+    nats: Vec<Nats>,
     folder: tempfile::TempDir,
 }
 
@@ -135,6 +137,13 @@ impl Fleet {
     pub fn of(names: &[&str], storage: Storage) -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let nats = Nats::start(folder.path(), "")?;
+        Self::in_folder(names, vec![nats], storage, folder, false)
+    }
+
+    /// The same with three servers of one cluster.
+    pub fn clustered(names: &[&str], storage: Storage) -> Option<Self> {
+        let folder = tempfile::tempdir().unwrap();
+        let nats = Nats::cluster(folder.path())?;
         Self::in_folder(names, nats, storage, folder, false)
     }
 
@@ -143,17 +152,17 @@ impl Fleet {
         let folder = tempfile::tempdir().unwrap();
         let more = users(folder.path(), names) + &certificates(folder.path());
         let nats = Nats::start(folder.path(), &more)?;
-        Self::in_folder(names, nats, storage, folder, true)
+        Self::in_folder(names, vec![nats], storage, folder, true)
     }
 
     /// Folders for some sites of a server that runs elsewhere.
     pub fn at(names: &[&str], nats: Nats, storage: Storage) -> Option<Self> {
-        Self::in_folder(names, nats, storage, tempfile::tempdir().unwrap(), false)
+        Self::in_folder(names, vec![nats], storage, tempfile::tempdir().unwrap(), false)
     }
 
     fn in_folder(
         names: &[&str],
-        nats: Nats,
+        nats: Vec<Nats>,
         storage: Storage,
         folder: tempfile::TempDir,
         is_secure: bool,
@@ -163,12 +172,13 @@ impl Fleet {
                 let of = |name: &str| folder.path().join(name).display().to_string();
                 format!(
                     "to = \"nats+tls://localhost:{}\"\ncredentials = \"{}\"\nca = \"{}\"\n",
-                    nats.port,
+                    nats[0].port,
                     of(&format!("{user}.nk")),
                     of("ca.pem")
                 )
             } else {
-                format!("to = \"nats://127.0.0.1:{}\"\n", nats.port)
+                let servers = nats.iter().map(|one| format!("nats://127.0.0.1:{}", one.port));
+                format!("to = \"{}\"\n", servers.collect::<Vec<_>>().join(", "))
             }
         };
         let postgres = match storage {
@@ -185,10 +195,11 @@ impl Fleet {
                 server.port
             ),
         };
+        let monitors = nats.iter().map(|one| format!("http://127.0.0.1:{}", one.monitor));
+        let monitors = monitors.collect::<Vec<_>>().join(", ");
         let mut text = format!(
-            "[nats]\n{}monitor = \"http://127.0.0.1:{}\"\n{place}[http]\nlisten = \"127.0.0.1:0\"\n",
-            to("HUB"),
-            nats.monitor
+            "[nats]\n{}monitor = \"{monitors}\"\n{place}[http]\nlisten = \"127.0.0.1:0\"\n",
+            to("HUB")
         );
         let edges = names.iter().map(|name| edge(name, &to(name))).collect();
         for name in names {
@@ -209,7 +220,7 @@ impl Fleet {
     }
 
     pub fn nats_port(&self) -> u16 {
-        self.nats.port
+        self.nats[0].port
     }
 
     /// True if the database is a server, which can be killed.
@@ -226,7 +237,7 @@ impl Fleet {
     }
 
     pub fn signal_nats(&self, name: &str) {
-        self.nats.signal(name);
+        self.nats[0].signal(name);
     }
 
     /// Seed of a site's login.
@@ -239,7 +250,7 @@ impl Fleet {
     pub fn revoke(&self, name: &str) {
         let key = nkeys::KeyPair::from_seed(&self.seed(name)).unwrap().public_key();
         let other = nkeys::KeyPair::new_user().public_key();
-        self.nats.reconfigure(|text| {
+        self.nats[0].reconfigure(|text| {
             assert!(text.contains(&key));
             text.replace(&key, &other)
         });
@@ -371,20 +382,16 @@ impl Fleet {
 
     /// Number of messages in a stream, by the server's monitoring.
     pub fn messages_of(&self, stream: &str) -> u64 {
-        let mut socket = TcpStream::connect(("127.0.0.1", self.nats.monitor)).unwrap();
-        socket.set_read_timeout(Some(DEADLINE)).unwrap();
-        write!(
-            socket,
-            "GET /jsz?streams=true HTTP/1.0\r\nHost: localhost\r\n\r\n"
-        )
-        .unwrap();
-        let mut answer = String::new();
-        socket.read_to_string(&mut answer).unwrap();
-        let (_, body) = answer.split_once("\r\n\r\n").unwrap();
-        let body: serde_json::Value = serde_json::from_str(body).unwrap();
+        self.stream(stream)["state"]["messages"].as_u64().unwrap()
+    }
+
+    /// A stream, by the monitoring of the first server.
+    fn stream(&self, name: &str) -> serde_json::Value {
+        let address = format!("http://127.0.0.1:{}/jsz?streams=true", self.nats[0].monitor);
+        let text = ureq::get(&address).call().unwrap().body_mut().read_to_string();
+        let body: serde_json::Value = serde_json::from_str(&text.unwrap()).unwrap();
         let streams = body["account_details"][0]["stream_detail"].as_array().unwrap();
-        let found = streams.iter().find(|one| one["name"] == stream).unwrap();
-        found["state"]["messages"].as_u64().unwrap()
+        streams.iter().find(|one| one["name"] == name).unwrap().clone()
     }
 
     /// Present length of the hub's log.
@@ -504,9 +511,24 @@ impl Fleet {
         self.start_edge(place);
     }
 
+    /// Ends the server of a cluster that leads the stream of results; returns its place.
+    pub fn end_leader(&mut self) -> usize {
+        let stream = self.stream(STREAM);
+        let leader = stream["cluster"]["leader"].as_str().unwrap();
+        let place = leader.trim_start_matches('n').parse().unwrap();
+        self.nats[place].kill();
+        place
+    }
+
+    /// Starts a server again, and waits until it has what it missed.
+    pub fn server_again(&mut self, place: usize) {
+        self.nats[place].again();
+        self.nats[place].wait_until_healthy();
+    }
+
     pub fn kill_nats(&mut self) {
-        self.nats.kill();
-        self.nats.again();
+        self.nats[0].kill();
+        self.nats[0].again();
     }
 
     pub fn kill_postgres(&mut self) {
@@ -544,17 +566,17 @@ impl Fleet {
     /// A copy of the server's files, taken while it stands still.
     pub fn copy_stream(&mut self) -> PathBuf {
         let copy = self.folder.path().join("copy");
-        self.nats.kill();
+        self.nats[0].kill();
         files(&self.folder.path().join("jetstream"), &copy);
-        self.nats.again();
+        self.nats[0].again();
         copy
     }
 
     /// Takes all streams from the post and the file from the centre.
     pub fn forget_stream_and_centre(&mut self) {
-        self.nats.kill();
+        self.nats[0].kill();
         fs::remove_dir_all(self.folder.path().join("jetstream")).unwrap();
-        self.nats.again();
+        self.nats[0].again();
         for suffix in ["", "-wal", "-shm"] {
             let _ = fs::remove_file(self.folder.path().join(format!("centre.db{suffix}")));
         }
@@ -563,10 +585,10 @@ impl Fleet {
     /// Puts the copy in the place of the server's files.
     pub fn set_stream_back(&mut self, copy: &Path) {
         let place = self.folder.path().join("jetstream");
-        self.nats.kill();
+        self.nats[0].kill();
         fs::remove_dir_all(&place).unwrap();
         files(copy, &place);
-        self.nats.again();
+        self.nats[0].again();
     }
 
     pub fn hub_command(&self, words: &[&str]) -> Output {

@@ -2,6 +2,7 @@
 
 mod alarms;
 mod beats;
+mod cluster;
 mod commands;
 mod figures;
 mod fleet;

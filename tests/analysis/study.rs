@@ -12,9 +12,9 @@ use tirante::command::report_page;
 const LITTLE: Effort = Effort {
     abc_runs: 2,
     mcmc_runs: 2,
-    abc_draws: 3_000,
-    many_draws: 6_000,
-    mcmc_steps: 16 * 100,
+    abc_draws: 6_000,
+    many_draws: 12_000,
+    mcmc_steps: 16 * 200,
     rods: 2,
     epochs: 1,
 };

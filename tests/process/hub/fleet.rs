@@ -468,6 +468,7 @@ impl Fleet {
 
     pub fn start_hub(&mut self) {
         let mut command = Command::new(env!("CARGO_BIN_EXE_tirante"));
+        command.current_dir(self.folder.path());
         command.arg("hub").arg("--config").arg(self.config());
         self.hub = Some(process(&mut command, &self.folder.path().join("hub.log")));
     }
@@ -593,6 +594,7 @@ impl Fleet {
 
     pub fn hub_command(&self, words: &[&str]) -> Output {
         Command::new(env!("CARGO_BIN_EXE_tirante"))
+            .current_dir(self.folder.path())
             .arg("hub")
             .args(words)
             .arg("--config")

@@ -23,6 +23,8 @@ const BLOW: f64 = 4.0;
 /// Length that tells how rough the motion is \[s\], and the fewest and most samples of it.
 const BESIDE_S: f64 = 0.3;
 const BESIDE: (usize, usize) = (64, 4096);
+/// Most runs that are looked at for blows, evenly among all: thousands of runs say no more, and each costs its neighbourhood.
+const JUDGED: usize = 256;
 
 /// Samples at an error code.
 #[derive(Debug, Clone, PartialEq)]
@@ -130,8 +132,9 @@ fn find(samples: &[f64], fs_hz: f64) -> Vec<ErrorCode> {
                 .filter(|&&(_, count)| count >= LEAST)
                 .map(|&(value, _)| at(samples, value))
                 .filter(|code| {
-                    let blows = code.runs.iter().filter(|run| is_blow(samples, fs_hz, run, step));
-                    2 * blows.count() <= code.runs.len()
+                    let judged = code.runs.iter().step_by(code.runs.len().div_ceil(JUDGED));
+                    let blows = judged.clone().filter(|run| is_blow(samples, fs_hz, run, step));
+                    2 * blows.count() <= judged.len()
                 })
                 .collect();
             if !codes.is_empty() {

@@ -213,7 +213,12 @@ impl Published {
     ///
     /// # Errors
     /// The post does not take them.
-    pub async fn publish(&mut self, link: &Link, mut open: Open, config: &HubConfig) -> Result<(), LinkError> {
+    pub async fn publish(
+        &mut self,
+        link: &Link,
+        mut open: Open,
+        config: &HubConfig,
+    ) -> Result<(), LinkError> {
         if !self.has_stream {
             match tokio::time::timeout(ANSWER, check(link, config)).await {
                 Ok(checked) => checked?,

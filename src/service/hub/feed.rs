@@ -6,8 +6,8 @@
 use super::incoming::Incoming;
 use super::text::fit;
 use crate::config::HubConfig;
-use crate::config::settings::forward::NatsSettings;
 use crate::config::settings::forward::HUB;
+use crate::config::settings::forward::NatsSettings;
 use crate::service::forward::link::{Link, LinkError};
 use crate::service::forward::message::{LEAST_MESSAGE, OUT, STREAM};
 use async_nats::jetstream::ErrorCode;

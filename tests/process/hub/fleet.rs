@@ -516,7 +516,7 @@ impl Fleet {
     pub fn end_leader(&mut self) -> usize {
         let stream = self.stream(STREAM);
         let leader = stream["cluster"]["leader"].as_str().unwrap();
-        let place = leader.trim_start_matches('n').parse().unwrap();
+        let place: usize = leader.trim_start_matches('n').parse().unwrap();
         self.nats[place].kill();
         place
     }

@@ -514,9 +514,16 @@ impl Fleet {
 
     /// Ends the server of a cluster that leads the stream of results; returns its place.
     pub fn end_leader(&mut self) -> usize {
-        let stream = self.stream(STREAM);
-        let leader = stream["cluster"]["leader"].as_str().unwrap();
-        let place: usize = leader.trim_start_matches('n').parse().unwrap();
+        let mut place = None;
+        // A server that has just begun again does not know it yet.
+        self.wait("the stream has a leader", |fleet| {
+            let leader = fleet.stream(STREAM)["cluster"]["leader"]
+                .as_str()
+                .map(str::to_owned);
+            place = leader.and_then(|name| name.trim_start_matches('n').parse().ok());
+            place.is_some()
+        });
+        let place: usize = place.unwrap();
         self.nats[place].kill();
         place
     }

@@ -1,8 +1,9 @@
-//! Limits the connections: the one that is idle longest makes room, and when all are busy a few places are
-//! left for health and metrics.
+//! Limits the connections: a new one waits until it has asked something, the one idle longest makes room, and a few
+//! places are left for health and metrics.
 
 use axum::body::{Body, Bytes};
 use hyper::body::{Body as Streamed, Frame, SizeHint};
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
 use std::net::IpAddr;
 use std::pin::Pin;
@@ -17,7 +18,9 @@ pub(super) const CONNECTIONS: usize = 64;
 const OF_ADDRESS: usize = 48;
 /// Further connections, for health and metrics.
 const RESERVED: usize = 8;
-/// Paths answered on those.
+/// Further connections that have not asked anything yet.
+const WAITING: usize = 256;
+/// Paths answered on reserved places.
 const VITAL: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
 /// Present connections.
@@ -32,9 +35,16 @@ struct Inner {
     next: u64,
 }
 
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Row {
+    Waiting,
+    Ordinary,
+    Reserved,
+}
+
 struct Occupied {
     address: IpAddr,
-    is_reserved: bool,
+    row: Row,
     /// Number of requests being answered.
     busy: usize,
     /// Time since which there is none.
@@ -47,40 +57,29 @@ pub(super) struct Seat {
     seats: Arc<Seats>,
     number: u64,
     leave: Arc<Notify>,
-    is_reserved: bool,
+}
+
+/// Answer to a connection that asks for a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Place {
+    Free,
+    /// Another connection had to leave for it.
+    Freed,
+    /// All are busy.
+    Refused,
 }
 
 impl Seats {
-    /// Takes a seat for a connection from `address`; also true if another one had to leave for it. `None` if
-    /// all are busy.
-    pub fn take(self: &Arc<Self>, address: IpAddr) -> Option<(Seat, bool)> {
+    /// Seats a new connection from `address` among those that have not asked anything yet; also true if another one had
+    /// to leave for it.
+    pub fn wait(self: &Arc<Self>, address: IpAddr) -> (Seat, bool) {
         let mut inner = self.lock();
-        let of_address = inner
-            .ordinary()
-            .filter(|(_, seat)| seat.address == address)
-            .count();
-        let is_full = inner.ordinary().count() >= CONNECTIONS;
-        let victim = match (is_full, of_address >= OF_ADDRESS) {
-            (false, false) => None,
-            (_, true) => Some(inner.idle_longest(Some(address))),
-            (true, false) => Some(inner.idle_longest(None)),
-        };
-        let is_reserved = victim == Some(None);
-        let has_left = match victim.flatten().and_then(|victim| inner.seats.remove(&victim)) {
-            Some(seat) => {
-                seat.leave.notify_one();
-                true
-            }
-            None => false,
-        };
-        if is_reserved && inner.seats.len() - inner.ordinary().count() >= RESERVED {
-            return None;
-        }
+        let has_left = inner.row(Row::Waiting).count() >= WAITING && inner.let_go(Row::Waiting, None);
         let (number, leave) = (inner.next, Arc::<Notify>::default());
         inner.next += 1;
         let occupied = Occupied {
             address,
-            is_reserved,
+            row: Row::Waiting,
             busy: 0,
             idle_since: Instant::now(),
             leave: Arc::clone(&leave),
@@ -91,9 +90,8 @@ impl Seats {
             seats: Arc::clone(self),
             number,
             leave,
-            is_reserved,
         };
-        Some((seat, has_left))
+        (seat, has_left)
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
@@ -102,24 +100,50 @@ impl Seats {
 }
 
 impl Inner {
-    fn ordinary(&self) -> impl Iterator<Item = (&u64, &Occupied)> {
-        self.seats.iter().filter(|(_, seat)| !seat.is_reserved)
+    fn row(&self, row: Row) -> impl Iterator<Item = (&u64, &Occupied)> {
+        self.seats.iter().filter(move |(_, seat)| seat.row == row)
     }
 
-    /// The connection that is idle longest, of an address or of the one with most.
-    fn idle_longest(&self, of: Option<IpAddr>) -> Option<u64> {
+    /// Lets the connection go that is idle longest, of an address or of the one with most; false if all are busy.
+    fn let_go(&mut self, row: Row, of: Option<IpAddr>) -> bool {
         let mut counts: HashMap<IpAddr, usize> = HashMap::new();
-        for (_, seat) in self.ordinary() {
+        for (_, seat) in self.row(row) {
             *counts.entry(seat.address).or_default() += 1;
         }
-        let idle = self.ordinary().filter(|(_, seat)| seat.busy == 0);
+        let idle = self.row(row).filter(|(_, seat)| seat.busy == 0);
         let asked = idle.filter(|(_, seat)| of.is_none_or(|address| seat.address == address));
-        asked
-            .min_by_key(|(_, seat)| {
-                let others = counts.get(&seat.address).copied().unwrap_or(0);
-                (std::cmp::Reverse(others), seat.idle_since)
-            })
-            .map(|(number, _)| *number)
+        let victim = asked.min_by_key(|(_, seat)| (Reverse(counts.get(&seat.address)), seat.idle_since));
+        let victim = victim.map(|(number, _)| *number);
+        match victim.and_then(|victim| self.seats.remove(&victim)) {
+            Some(seat) => {
+                seat.leave.notify_one();
+                true
+            }
+            None => false,
+        }
+    }
+
+    /// Place for a request from `address` on a connection that has no ordinary one.
+    fn place(&mut self, address: IpAddr, now: Row, path: &str) -> (Row, Place) {
+        let of_address = self
+            .row(Row::Ordinary)
+            .filter(|(_, seat)| seat.address == address);
+        let of = (of_address.count() >= OF_ADDRESS).then_some(address);
+        if of.is_none() && self.row(Row::Ordinary).count() < CONNECTIONS {
+            return (Row::Ordinary, Place::Free);
+        }
+        // Health and metrics drive nobody out who was asking for something else.
+        let row = match VITAL.contains(&path) {
+            true if now == Row::Reserved || self.row(Row::Reserved).count() < RESERVED => {
+                return (Row::Reserved, Place::Free);
+            }
+            true => Row::Reserved,
+            false => Row::Ordinary,
+        };
+        match self.let_go(row, if row == Row::Ordinary { of } else { None }) {
+            true => (row, Place::Freed),
+            false => (now, Place::Refused),
+        }
     }
 }
 
@@ -129,9 +153,20 @@ impl Seat {
         self.leave.notified().await;
     }
 
-    /// True if a request may be answered on this seat.
-    pub fn may_ask(&self, path: &str) -> bool {
-        !self.is_reserved || VITAL.contains(&path)
+    /// Takes the place that a request needs, unless the connection has it already; the seat is to be marked busy before.
+    pub fn sit(&self, path: &str) -> Place {
+        let mut inner = self.seats.lock();
+        let Some((address, now)) = inner.seats.get(&self.number).map(|seat| (seat.address, seat.row)) else {
+            return Place::Refused;
+        };
+        if now == Row::Ordinary {
+            return Place::Free;
+        }
+        let (row, place) = inner.place(address, now, path);
+        if let Some(seat) = inner.seats.get_mut(&self.number) {
+            seat.row = row;
+        }
+        place
     }
 
     /// Marks the seat as busy until the returned value is dropped.
@@ -201,36 +236,76 @@ mod tests {
         IpAddr::from([10, 0, 0, last])
     }
 
+    /// A connection that is busy with a request.
+    fn asking(seats: &Arc<Seats>, last: u8, path: &str) -> (Arc<Seat>, Busy, Place) {
+        let seat = Arc::new(seats.wait(address(last)).0);
+        let busy = seat.busy();
+        let place = seat.sit(path);
+        (seat, busy, place)
+    }
+
+    /// A connection that asked something and is silent since.
+    fn kept(seats: &Arc<Seats>, last: u8, path: &str) -> (Arc<Seat>, Place) {
+        let (seat, _, place) = asking(seats, last, path);
+        (seat, place)
+    }
+
+    fn is_there(seats: &Seats, seat: &Seat) -> bool {
+        seats.lock().seats.contains_key(&seat.number)
+    }
+
     #[test]
     fn the_silent_make_room_and_health_is_asked_when_all_are_busy() {
         let seats = Arc::<Seats>::default();
-        let honest = Arc::new(seats.take(address(1)).unwrap().0);
+        let honest = kept(&seats, 1, "/").0;
         let crowd: Vec<_> = (0..CONNECTIONS - 1)
-            .map(|n| Arc::new(seats.take(address(2 + (n % 2) as u8)).unwrap().0))
+            .map(|n| kept(&seats, 2 + (n % 2) as u8, "/").0)
             .collect();
-        let (newest, has_left) = seats.take(address(9)).unwrap();
-        assert!(has_left && newest.may_ask("/"));
+        let (newest, place) = kept(&seats, 9, "/");
+        assert_eq!(place, Place::Freed);
         // One of the crowd left, not the one that was alone at its address, though it is silent longest.
-        assert!(seats.lock().seats.contains_key(&honest.number));
-        assert!(!seats.lock().seats.contains_key(&crowd[0].number));
-        let newest = Arc::new(newest);
+        assert!(is_there(&seats, &honest) && !is_there(&seats, &crowd[0]));
         let all = crowd[1..].iter().chain([&honest, &newest]);
         let busy: Vec<_> = all.map(Seat::busy).collect();
-        let reserved: Vec<_> = (0..RESERVED).map(|_| seats.take(address(7)).unwrap()).collect();
-        for (seat, has_left) in &reserved {
-            assert!(!has_left && seat.may_ask("/healthz") && !seat.may_ask("/"));
+        assert_eq!(kept(&seats, 7, "/").1, Place::Refused);
+        let vital: Vec<_> = (0..RESERVED).map(|_| asking(&seats, 7, "/healthz")).collect();
+        for (seat, _, place) in &vital {
+            assert_eq!(
+                (*place, seat.sit("/"), seat.sit("/metrics")),
+                (Place::Free, Place::Refused, Place::Free)
+            );
         }
-        assert!(seats.take(address(8)).is_none());
+        assert_eq!(kept(&seats, 8, "/healthz").1, Place::Refused);
+        // Nobody else had to leave for them, and a kept connection of theirs is one like any other once there is room.
+        assert!(crowd[1..].iter().all(|seat| is_there(&seats, seat)));
         drop(busy);
-        assert!(seats.take(address(8)).unwrap().1);
+        assert_eq!(vital[0].0.sit("/"), Place::Freed);
     }
 
     #[test]
     fn one_address_does_not_take_all() {
         let seats = Arc::<Seats>::default();
-        let held: Vec<_> = (0..OF_ADDRESS).map(|_| seats.take(address(1)).unwrap()).collect();
-        assert!(held.iter().all(|(_, has_left)| !has_left));
-        assert!(seats.take(address(1)).unwrap().1);
-        assert!(!seats.take(address(2)).unwrap().1);
+        let held: Vec<_> = (0..OF_ADDRESS).map(|_| kept(&seats, 1, "/")).collect();
+        assert!(held.iter().all(|(_, place)| *place == Place::Free));
+        assert_eq!(kept(&seats, 1, "/").1, Place::Freed);
+        assert_eq!(kept(&seats, 2, "/").1, Place::Free);
+    }
+
+    #[test]
+    fn who_asks_nothing_takes_no_place_and_leaves_first() {
+        let seats = Arc::<Seats>::default();
+        let asked = kept(&seats, 1, "/").0;
+        let early = seats.wait(address(2)).0;
+        let mute: Vec<_> = (0..2 * WAITING).map(|_| seats.wait(address(1))).collect();
+        assert_eq!(mute.iter().filter(|(_, has_left)| *has_left).count(), WAITING + 1);
+        // The oldest of the address with most left.
+        assert!(is_there(&seats, &asked) && is_there(&seats, &early));
+        assert!(
+            mute[..WAITING + 1]
+                .iter()
+                .all(|(seat, _)| !is_there(&seats, seat))
+        );
+        assert_eq!(early.sit("/"), Place::Free);
+        assert_eq!(mute[0].0.sit("/"), Place::Refused);
     }
 }

@@ -1,6 +1,6 @@
 //! The HTTP listener: few connections, small requests, deadlines.
 
-use super::seats::{CONNECTIONS, Content, Seat, Seats};
+use super::seats::{CONNECTIONS, Content, Place, Seat, Seats};
 use crate::config::settings::http::HttpSettings;
 use crate::service::telemetry::{Fault, Health, Via};
 use axum::Router;
@@ -36,6 +36,10 @@ const HEADERS: usize = 64;
 /// Time for answers after the end was requested.
 const DRAIN: Duration = Duration::from_secs(1);
 
+/// Connections that the system holds until they are accepted. Beyond, it drops the first packet of a client, which tries again after a
+/// second.
+const BACKLOG: i32 = 1024;
+
 /// Pause after the system refused a connection.
 const PAUSE: Duration = Duration::from_millis(200);
 
@@ -48,6 +52,10 @@ pub fn listen(settings: &HttpSettings) -> io::Result<Option<std::net::TcpListene
         return Ok(None);
     };
     let listener = std::net::TcpListener::bind(address)
+        .and_then(|listener| {
+            rustix::net::listen(&listener, BACKLOG)?;
+            Ok(listener)
+        })
         .map_err(|error| io::Error::new(error.kind(), format!("http.listen {address}: {error}")))?;
     Ok(Some(listener))
 }
@@ -80,21 +88,11 @@ pub async fn serve(
                 continue;
             }
         };
-        let seat = seats.take(peer.ip());
-        if seat.as_ref().is_none_or(|(_, has_left)| *has_left) {
-            let what = match seat {
-                Some(_) => "the one silent longest is closed",
-                None => "all are busy, a new one is turned away",
-            };
-            health.fault(
-                Fault::Refused,
-                format!(
-                    "http: more than {CONNECTIONS} connections at once, or many from {}: {what}",
-                    peer.ip()
-                ),
-            );
+        let (seat, has_left) = seats.wait(peer.ip());
+        if has_left {
+            let what = "http: too many connections that ask nothing: the oldest is closed";
+            health.fault(Fault::Refused, what.to_owned());
         }
-        let Some((seat, _)) = seat else { continue };
         let client = Client {
             peer,
             seat: Arc::new(seat),
@@ -153,7 +151,19 @@ async fn ask(
 ) -> Result<Response<Content>, Infallible> {
     let busy = client.seat.busy();
     let path = request.uri().path();
-    let response = if client.seat.may_ask(path) {
+    let place = client.seat.sit(path);
+    let reason = match place {
+        Place::Free => None,
+        Place::Freed => Some("the one silent longest is closed"),
+        Place::Refused => Some("all are busy, a request is turned away"),
+    };
+    if let Some(reason) = reason {
+        let address = client.peer.ip();
+        let what =
+            format!("http: more than {CONNECTIONS} connections at once, or many from {address}: {reason}");
+        client.health.fault(Fault::Refused, what);
+    }
+    let response = if place != Place::Refused {
         let path: String = path.chars().take(80).collect();
         let response = routes.call(request).await?;
         if matches!(

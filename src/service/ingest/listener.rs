@@ -40,6 +40,9 @@ pub enum ListenError {
     Tls(String),
 }
 
+/// Connections that the system holds until they are accepted; beyond, a client's first packet is dropped.
+const BACKLOG: i32 = 1024;
+
 /// A listening socket.
 #[derive(Debug)]
 pub enum Listener {
@@ -60,7 +63,11 @@ impl Listener {
             source,
         };
         match listen {
-            Listen::Tcp(address) => TcpListener::bind(address).map(Self::Tcp).map_err(failed),
+            Listen::Tcp(address) => {
+                let listener = TcpListener::bind(address).map_err(failed)?;
+                rustix::net::listen(&listener, BACKLOG).map_err(|error| failed(error.into()))?;
+                Ok(Self::Tcp(listener))
+            }
             Listen::Unix(path) => {
                 clear(path, failed)?;
                 let listener = UnixListener::bind(path).map_err(failed)?;

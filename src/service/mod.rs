@@ -17,6 +17,7 @@
 //! * [`viewer`]    results as messages for robotics viewers, as a file and live
 //! * [`api`]       answers of a store to the page and to other programs, as JSON
 //! * [`http`]      the page, its API, `/healthz`, `/readyz`, `/metrics`
+//! * `tcp`         listeners of http and ingest
 
 pub mod alert;
 pub mod api;
@@ -27,5 +28,6 @@ pub mod http;
 pub mod hub;
 pub mod ingest;
 pub mod journal;
+mod tcp;
 pub mod telemetry;
 pub mod viewer;

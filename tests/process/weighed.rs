@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 /// Memory that no file, socket or import may exceed \[MB\].
 const PEAK_MB: f64 = 256.0;
 /// Longest wait on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(900);
+const PATIENCE: Duration = Duration::from_secs(240);
 /// Growing files at once.
 const GROWING: usize = 12;
 const START_NS: u64 = 1_772_344_800_000_000_000;
@@ -376,7 +376,7 @@ fn a_packed_variable_of_bytes_is_refused() {
 }
 
 #[test]
-#[ignore = "campaign: minutes; 297 MB when it was run last, above the bound"]
+#[ignore = "campaign: minutes; above both bounds when it was run last: 305 MB, and more than 900 s beside other builds"]
 fn over_a_socket_and_in_the_watched_folder() {
     let folder = tempfile::tempdir().unwrap();
     let more = "[store]\npath = \"site.db\"\n[http]\nlisten = \"127.0.0.1:0\"\n[ingest]\nfolder = \"archive\"\nsettle_s = 1\n\

@@ -133,14 +133,14 @@ impl Inner {
             return (Row::Ordinary, Place::Free);
         }
         // Health and metrics drive nobody out who was asking for something else.
-        let row = match VITAL.contains(&path) {
-            true if now == Row::Reserved || self.row(Row::Reserved).count() < RESERVED => {
-                return (Row::Reserved, Place::Free);
-            }
-            true => Row::Reserved,
-            false => Row::Ordinary,
+        let (row, of) = match VITAL.contains(&path) {
+            true => (Row::Reserved, None),
+            false => (Row::Ordinary, of),
         };
-        match self.let_go(row, if row == Row::Ordinary { of } else { None }) {
+        if row == Row::Reserved && (now == row || self.row(row).count() < RESERVED) {
+            return (row, Place::Free);
+        }
+        match self.let_go(row, of) {
             true => (row, Place::Freed),
             false => (now, Place::Refused),
         }

@@ -2,6 +2,7 @@
 
 use super::seats::{CONNECTIONS, Content, Place, Seat, Seats};
 use crate::config::settings::http::HttpSettings;
+use crate::service::tcp;
 use crate::service::telemetry::{Fault, Health, Via};
 use axum::Router;
 use axum::body::Body;
@@ -36,10 +37,6 @@ const HEADERS: usize = 64;
 /// Time for answers after the end was requested.
 const DRAIN: Duration = Duration::from_secs(1);
 
-/// Connections that the system holds until they are accepted. Beyond, it drops the first packet of a client, which tries again after a
-/// second.
-const BACKLOG: i32 = 1024;
-
 /// Pause after the system refused a connection.
 const PAUSE: Duration = Duration::from_millis(200);
 
@@ -51,11 +48,7 @@ pub fn listen(settings: &HttpSettings) -> io::Result<Option<std::net::TcpListene
     let Some(address) = settings.listen else {
         return Ok(None);
     };
-    let listener = std::net::TcpListener::bind(address)
-        .and_then(|listener| {
-            rustix::net::listen(&listener, BACKLOG)?;
-            Ok(listener)
-        })
+    let listener = tcp::bind(address)
         .map_err(|error| io::Error::new(error.kind(), format!("http.listen {address}: {error}")))?;
     Ok(Some(listener))
 }
@@ -90,8 +83,11 @@ pub async fn serve(
         };
         let (seat, has_left) = seats.wait(peer.ip());
         if has_left {
-            let what = "http: too many connections that ask nothing: the oldest is closed";
-            health.fault(Fault::Refused, what.to_owned());
+            let address = peer.ip();
+            let what = format!(
+                "http: too many connections that ask nothing, the latest from {address}: the oldest is closed"
+            );
+            health.fault(Fault::Refused, what);
         }
         let client = Client {
             peer,

@@ -1,6 +1,7 @@
 //! Listening sockets: those configured, and those handed over by systemd.
 
 use crate::config::settings::ingest::Listen;
+use crate::service::tcp;
 use listenfd::ListenFd;
 use std::fs::{self, Permissions};
 use std::io;
@@ -40,9 +41,6 @@ pub enum ListenError {
     Tls(String),
 }
 
-/// Connections that the system holds until they are accepted; beyond, a client's first packet is dropped.
-const BACKLOG: i32 = 1024;
-
 /// A listening socket.
 #[derive(Debug)]
 pub enum Listener {
@@ -63,11 +61,7 @@ impl Listener {
             source,
         };
         match listen {
-            Listen::Tcp(address) => {
-                let listener = TcpListener::bind(address).map_err(failed)?;
-                rustix::net::listen(&listener, BACKLOG).map_err(|error| failed(error.into()))?;
-                Ok(Self::Tcp(listener))
-            }
+            Listen::Tcp(address) => tcp::bind(*address).map(Self::Tcp).map_err(failed),
             Listen::Unix(path) => {
                 clear(path, failed)?;
                 let listener = UnixListener::bind(path).map_err(failed)?;

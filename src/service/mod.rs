@@ -17,6 +17,7 @@
 //! * [`viewer`]    results as messages for robotics viewers, as a file and live
 //! * [`api`]       answers of a store to the page and to other programs, as JSON
 //! * [`http`]      the page, its API, `/healthz`, `/readyz`, `/metrics`
+//! * `memory`      what was freed, back to the system
 //! * `tcp`         listeners of http and ingest
 
 pub mod alert;
@@ -28,6 +29,7 @@ pub mod http;
 pub mod hub;
 pub mod ingest;
 pub mod journal;
+mod memory;
 mod tcp;
 pub mod telemetry;
 pub mod viewer;

@@ -229,6 +229,106 @@ fn frozen_sensors_are_refused_and_never_bridged() {
 }
 
 #[test]
+fn a_long_hold_is_refused_whatever_the_phase_at_which_it_begins() {
+    let mut passed = Vec::new();
+    for seed in 0..4 {
+        // Down to two steps a standard deviation.
+        for step in [0.0, 0.002, 0.1, 0.5] {
+            let clean = match step {
+                0.0 => ambient(seed, 60.0, FS, 1000.0),
+                step => quantised(&ambient(seed, 60.0, FS, 1000.0), step),
+            };
+            // Two periods of the first mode, in the midst and up to the end.
+            for phase in 0..89 {
+                for end in [0.6, 1.0] {
+                    let mut samples = clean.clone();
+                    let from = clean.len() / 4 + phase;
+                    let to = (clean.len() as f64 * end) as usize;
+                    let value = samples[from - 1];
+                    samples[from..to].fill(value);
+                    let found = code(&samples);
+                    if !["held", "level"].contains(&found) {
+                        passed.push((seed, step, phase, end, found));
+                    }
+                }
+            }
+        }
+    }
+    assert!(passed.is_empty(), "{} passed: {passed:?}", passed.len());
+}
+
+#[test]
+fn a_coarse_sensor_at_rest_is_not_held() {
+    let mut refused = Vec::new();
+    let mut check = |name: String, samples: &[f64]| match only(run(samples)) {
+        Err(Rejection::Held { share, .. }) => refused.push((name, share)),
+        Err(_) => {}
+        Ok(record) => refused.extend(record.flags.iter().find_map(|flag| match flag {
+            Flag::Held { share } => Some((name.clone(), *share)),
+            _ => None,
+        })),
+    };
+    for seed in 0..8 {
+        let mut noise = Noise(seed);
+        for zeta in [0.001, 0.005, 0.02] {
+            // Three blows of any strength with rests between, without noise.
+            let mut blows = vec![0.0; (60.0 * FS) as usize];
+            for blow in 0..3 {
+                let at = ((2.0 + 19.0 * f64::from(blow) + 4.0 * noise.uniform()) * FS) as usize;
+                let strength = 0.2 + 2.0 * noise.uniform();
+                let left = (blows.len() - at) as f64 / FS;
+                for (sample, x) in blows[at..].iter_mut().zip(decay(0, left, FS, zeta, 1e12)) {
+                    *sample += strength * x;
+                }
+            }
+            // A pull by a rope from 5 s on, held still from 8 s on, released at 30 s.
+            let fall = decay(0, 30.0, FS, zeta, 1e12);
+            let pull: Vec<f64> = (0..blows.len())
+                .map(|i| match i as f64 / FS {
+                    t if t < 30.0 => 1.5 * ((t - 5.0) / 3.0).clamp(0.0, 1.0),
+                    _ => fall[i - (30.0 * FS) as usize],
+                })
+                .collect();
+            for step in [0.003, 0.02, 0.1, 0.3] {
+                check(format!("blows {seed} {zeta} {step}"), &quantised(&blows, step));
+                check(format!("pull {seed} {zeta} {step}"), &quantised(&pull, step));
+            }
+        }
+        // Ambient motion of a third of a step to three, its level up and down by gusts.
+        let gusty: Vec<f64> = ambient(seed, 60.0, FS, 1e6)
+            .iter()
+            .enumerate()
+            .map(|(i, x)| x * (1.5 * (i as f64 / FS * 0.7).sin()).exp())
+            .collect();
+        for step in [0.3, 1.0, 3.0] {
+            check(format!("gusts {seed} {step}"), &quantised(&gusty, step));
+        }
+    }
+    assert!(refused.is_empty(), "{refused:#?}");
+}
+
+#[test]
+fn a_record_that_waits_for_its_temperature_comes_before_a_rest_that_is_too_short() {
+    let clean = ambient(1, 70.0, FS, 1000.0);
+    let rod = RodId("r".into());
+    let mut assembler = Assembler::new(rod, RecordSettings::default(), Some(FS), true);
+    assembler.push_temperature(Timestamp::from_nanos(nanos(0)), 12.0);
+    // A hole behind a minute, then two seconds.
+    for (i, &x) in clean.iter().enumerate() {
+        if (i as f64) < 60.0 * FS || (i as f64) >= 68.0 * FS {
+            assembler.push(Timestamp::from_nanos(nanos(i)), &[x]);
+        }
+    }
+    assembler.finish(false);
+    let events: Vec<Event> = assembler.events().collect();
+    assert!(
+        matches!(events[..], [Event::Record(_), Event::Rejected { .. }]),
+        "{:?}",
+        shown(&events)
+    );
+}
+
+#[test]
 fn clipping_is_flagged_or_refused() {
     for seed in 0..5 {
         for step in [0.0, 0.003, 0.02] {

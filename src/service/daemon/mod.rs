@@ -35,6 +35,7 @@ pub use live::vouch;
 use crate::config::{Config, ConfigError, Setting};
 use crate::service::http;
 use crate::service::ingest::Listener;
+use crate::service::memory;
 use crate::service::telemetry::{Fault, Health, Phase, Telemetry};
 use crate::service::viewer::Signals;
 use crate::site::ordered_map::message_of;
@@ -96,6 +97,7 @@ enum LifecycleEvent {
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let config = load(options)?;
     // Before any thread starts.
+    memory::return_freed();
     let inherited = Listener::inherited()?;
     let telemetry = Telemetry::default();
     let (sender, events) = channel();

@@ -412,6 +412,8 @@ impl Assembler {
             self.warm = astray;
             self.settle(cut_short);
         }
+        // A record that waited for its temperature comes before what was noticed behind it.
+        self.release(true);
         if self.onsets == 0
             && let Some(start) = self.searched_from
         {
@@ -419,7 +421,6 @@ impl Assembler {
             self.reject(Some(start), duration_s, Rejection::NoOnset { duration_s });
         }
         self.tell_short();
-        self.release(true);
         self.is_over = true;
     }
 

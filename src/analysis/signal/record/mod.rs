@@ -5,6 +5,7 @@ pub mod channel;
 mod clock;
 mod envelope;
 mod error_code;
+mod hold;
 mod holes;
 pub mod moments;
 mod onset;

@@ -6,6 +6,7 @@
 
 use super::clock::median;
 use super::error_code::{self, ErrorCode};
+use super::hold;
 use super::steps::{level_change, step};
 use super::{Flag, RecordSettings, Rejection};
 use std::ops::Range;
@@ -19,18 +20,12 @@ pub struct Checked {
     pub flags: Vec<Flag>,
 }
 
-/// Jump after a repeated value, in smallest steps, above which the value counts as held.
-const HELD_STEPS: f64 = 3.0;
-/// Share of samples that repeat by chance in a noisy coarse signal (at most 0.04 in our trials).
-const NATURAL: f64 = 0.05;
 /// Height of a spike, in robust standard deviations of the local roughness.
 const SPIKE: f64 = 12.0;
-/// Jump to a repeated value, in smallest steps, above which it counts as held: at rest the jump is one.
-const CAME_STEPS: f64 = 1.5;
 /// Fewest visits that make a rail; one or two are a sensor overloaded once.
 const VISITS: usize = 3;
 /// Longest stay of a vibration at an extreme \[s\].
-const STAY_S: f64 = 0.25;
+pub(super) const STAY_S: f64 = 0.25;
 /// Number of spikes below which all are repaired, however large.
 const FEW_SPIKES: usize = 3;
 /// Ratio of the motion after a blow to that before it, at least.
@@ -136,19 +131,14 @@ pub(super) fn check_struck(
             value: samples.first().copied().unwrap_or(0.0),
         });
     };
-    let mut repeats = held(&samples, &range, range.step);
-    if repeats as f64 > NATURAL * total {
-        // The smallest step of a signal whose last digits vary (a text of four digits) is not its resolution.
-        repeats = repeats.min(held(&samples, &range, common_step(&samples)));
-    }
-    let held = repeats as f64 / total;
+    let held = hold::held(&samples, fs_hz, &range) as f64 / total;
     if held > settings.max_held {
         return Err(Rejection::Held {
             share: held,
             allowed: settings.max_held,
         });
     }
-    if held > NATURAL {
+    if held > hold::NATURAL {
         flags.push(Flag::Held { share: held });
     }
     let rails = clipped(&samples, &range, fs_hz);
@@ -191,11 +181,11 @@ pub(super) fn check_struck(
 }
 
 /// Extremes and smallest step of a signal.
-struct Extent {
-    low: f64,
-    high: f64,
+pub(super) struct Extent {
+    pub(super) low: f64,
+    pub(super) high: f64,
     /// Smallest difference of neighbours that differ: the resolution of a digital sensor.
-    step: f64,
+    pub(super) step: f64,
 }
 
 impl Extent {
@@ -214,43 +204,6 @@ impl Extent {
         }
         (high > low).then_some(Self { low, high, step })
     }
-}
-
-/// Smallest change between neighbours, less the lowest hundredth.
-fn common_step(samples: &[f64]) -> f64 {
-    let mut changes: Vec<f64> = samples
-        .windows(2)
-        .map(|pair| (pair[1] - pair[0]).abs())
-        .filter(|change| *change > 0.0)
-        .collect();
-    if changes.is_empty() {
-        return 0.0;
-    }
-    let at = changes.len() / 100;
-    *changes.select_nth_unstable_by(at, f64::total_cmp).1
-}
-
-/// Samples that repeat the one before although the signal comes and moves on by more than its resolution; those at
-/// the extremes belong to the rails, and what repeats from the start on may be at rest.
-fn held(samples: &[f64], range: &Extent, step: f64) -> usize {
-    let mut held = 0;
-    let mut run = 0;
-    let mut came = 0.0;
-    for pair in samples.windows(2) {
-        if pair[1] == pair[0] {
-            run += 1;
-        } else {
-            let change = (pair[1] - pair[0]).abs();
-            // A little slack for steps that are sums of rounded numbers.
-            let moves = change > (HELD_STEPS + 0.01) * step && came > CAME_STEPS * step;
-            if run > 0 && moves && pair[0] > range.low && pair[0] < range.high {
-                held += run;
-            }
-            run = 0;
-            came = change;
-        }
-    }
-    held
 }
 
 /// Samples at the rails.

@@ -1,6 +1,5 @@
 #!/usr/bin/env bash
-# Makes the Debian package: target/debian/tirante_*.deb, or target/TRIPLE/debian/tirante_*.deb.
-# Needs `cargo install cargo-deb`.
+# Makes the Debian package: target/debian/tirante_*.deb. Needs `cargo install cargo-deb`.
 #
 #   systemd/package.sh                     for this machine
 #   systemd/package.sh --target TRIPLE     for another one, such as aarch64-unknown-linux-gnu (arm64): needs its standard
@@ -40,5 +39,13 @@ if [ -n "$target" ]; then
 else
   "$built" manual --out target/package
 fi
+version=$(sed -n '0,/^version = /s/^version = "\(.*\)"/\1/p' Cargo.toml)
+cat > target/package/changelog <<CHANGES
+tirante ($version-1) unstable; urgency=medium
+
+  * Version $version: see CHANGELOG.md of its source.
+
+ -- $(sed -n 's/^maintainer = "\(.*\)"/\1/p' Cargo.toml)  $(git log -1 --format=%cD 2>/dev/null || date -R)
+CHANGES
 # Without symbols it is a fifth of the size; a panic still says file and line.
 cargo deb --locked --no-build --strip ${target:+--target "$target"} "$@"

@@ -4,7 +4,7 @@
 #   systemd/package.sh                     for this machine
 #   systemd/package.sh --target TRIPLE     for another one, such as aarch64-unknown-linux-gnu (arm64): needs its standard
 #                                          library (`rustup target add`) and its C compiler (`apt install gcc-aarch64-linux-gnu`)
-#   systemd/package.sh --target TRIPLE --binary FILE      packs a program that is there
+#   systemd/package.sh --binary FILE       packs a program that is there, of the machine that --target names
 #
 # Arguments behind `--` go to `cargo deb`.
 set -euo pipefail

@@ -18,15 +18,12 @@ const VIBRATES: f64 = 2.5;
 
 /// Samples that repeat the one before although the rod moves.
 pub(super) fn held(samples: &[f64], fs_hz: f64, range: &Extent) -> usize {
-    let long = broken_off(samples, fs_hz);
-    let mut repeats = moved_on(samples, range, range.step).max(long);
+    let mut repeats = moved_on(samples, range, range.step);
     if repeats as f64 > NATURAL * samples.len() as f64 {
         // The smallest step of a signal whose last digits vary (a text of four digits) is not its resolution.
-        repeats = repeats
-            .min(moved_on(samples, range, common_step(samples)))
-            .max(long);
+        repeats = repeats.min(moved_on(samples, range, common_step(samples)));
     }
-    repeats
+    repeats.max(broken_off(samples, fs_hz))
 }
 
 /// Samples that repeat the one before although the signal comes and moves on by more than its resolution; those at

@@ -20,6 +20,11 @@ const ENOUGH: usize = 50;
 /// One of what the sinks are to be told: id of alarm or condition, and what became of it.
 type News = (String, String);
 
+/// A record's row from its start on.
+fn in_order_of_time(row: &str) -> &str {
+    &row[row.find("start_ns=").unwrap()..]
+}
+
 impl Scene {
     /// Lets everything come in, then checks all invariants.
     pub fn finish(&mut self) {
@@ -168,11 +173,18 @@ impl Scene {
                 lines.map(str::to_owned).collect()
             };
             let (replayed, made) = (records(replayed), records(&made[rod]));
-            let missing: Vec<_> = replayed.difference(&made).collect();
-            let further: Vec<_> = made.difference(&replayed).collect();
+            let [missing, further] = [(&replayed, &made), (&made, &replayed)].map(|(these, those)| {
+                let mut only: Vec<_> = these.difference(those).map(|row| in_order_of_time(row)).collect();
+                only.sort_unstable();
+                only
+            });
             assert!(
                 missing.is_empty() && further.is_empty(),
-                "rod {rod}: missing {missing:#?}, further {further:#?}"
+                "rod {rod}: {} missing, {} further, the first of them {:#?}, {:#?}",
+                missing.len(),
+                further.len(),
+                &missing[..missing.len().min(3)],
+                &further[..further.len().min(3)]
             );
         }
         compare("after a day of trouble", &self.material.replayed, &made);

@@ -172,8 +172,9 @@ impl Simulation {
     }
 }
 
+/// Stretch of a message. A clock that jitters may place its first message just before it: behind each stretch is a gap of more than a second.
 fn stretch_of(message: &Message) -> usize {
-    ((message.log_time / 1_000_000_000).saturating_sub(START_S) / STRETCH_S) as usize
+    ((message.log_time / 1_000_000_000 + 1 - START_S) / STRETCH_S) as usize
 }
 
 /// A file with a chunk a stretch. Without a summary its messages are read in its own order and its records end with it, as those of a

@@ -498,15 +498,15 @@ impl Scene {
         self.is_over(kind);
     }
 
-    /// What was there before comes again, whole or cut short: nothing of it is new.
+    /// A file that was read comes again, whole or cut short: nothing of it is new.
     fn copy(&mut self, is_cut: bool) {
-        let all = fs::read_dir(self.path("archive")).unwrap();
-        let is_whole = |name: &String| name.starts_with("north") && !self.material.broken.contains(name);
-        let mut names: Vec<String> = all
-            .map(|file| file.unwrap().file_name().into_string().unwrap())
-            .filter(is_whole)
-            .collect();
-        names.sort();
+        let Some(store) = self.store() else { return };
+        let read = "SELECT name FROM file WHERE name GLOB 'north-*' ORDER BY name";
+        let mut names: Vec<String> = store
+            .prepare(read)
+            .and_then(|mut read| read.query_map((), |row| row.get(0))?.collect())
+            .unwrap();
+        names.retain(|name| !self.material.broken.contains(name));
         if names.is_empty() {
             return;
         }

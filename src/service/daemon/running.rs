@@ -13,6 +13,7 @@ use crate::config::Config;
 use crate::recording::part;
 use crate::service::alert::Couriers;
 use crate::service::forward::{self, Forwarder, SINK};
+use crate::service::memory;
 use crate::service::telemetry::{Fault, Telemetry};
 use crate::site::clock;
 use crate::site::driver::{Job, Loads};
@@ -34,6 +35,8 @@ use tokio::runtime::Runtime;
 const DRAIN: Duration = Duration::from_secs(4);
 /// Interval of ticks through the pipeline.
 const TICK: Duration = Duration::from_secs(1);
+/// Ticks between two returns of freed memory to the system.
+const TRIM_EVERY: usize = 10;
 
 /// A running daemon.
 pub struct Running {
@@ -328,13 +331,16 @@ fn work(
     Ok(())
 }
 
-/// Sends a tick through the whole pipeline every second; a full channel delays it, as it should.
+/// Sends a tick through the whole pipeline every second, and returns freed memory; a full channel delays both, as it should.
 fn tick(jobs: SyncSender<Job>, caught_up: Arc<AtomicBool>) -> std::io::Result<()> {
     let work = move || {
-        loop {
+        for number in 1usize.. {
             let is_caught_up = caught_up.load(Ordering::Relaxed);
             if jobs.send(Job::Tick { is_caught_up }).is_err() {
                 return;
+            }
+            if number.is_multiple_of(TRIM_EVERY) {
+                memory::trim();
             }
             thread::sleep(TICK);
         }

@@ -22,9 +22,10 @@ pub(super) struct Browser {
     session: String,
 }
 
-impl Browser {
-    /// `None` if there is none on this machine.
-    pub(super) fn start(width: u32, height: u32, is_dark: bool) -> Option<Self> {
+/// A driver and its port; `None` if there is none on this machine.
+fn driver() -> Option<(Child, u16)> {
+    // It takes a free port of IPv4 and ends if IPv6 has another user of it.
+    for _ in 0..5 {
         let driver = Command::new("chromedriver")
             .arg("--port=0")
             .stdout(Stdio::piped())
@@ -46,9 +47,21 @@ impl Browser {
                 let (_, port) = line.split_once("successfully on port ")?;
                 port.trim_end_matches('.').parse::<u16>().ok()
             });
+        if let Some(port) = port {
+            return Some((driver, port));
+        }
+        driver.wait().unwrap();
+    }
+    panic!("chromedriver ends before it listens, five times in a row");
+}
+
+impl Browser {
+    /// `None` if there is none on this machine.
+    pub(super) fn start(width: u32, height: u32, is_dark: bool) -> Option<Self> {
+        let (driver, port) = driver()?;
         let mut browser = Self {
             driver,
-            session: format!("http://127.0.0.1:{}/session", port.expect("the driver's port")),
+            session: format!("http://127.0.0.1:{port}/session"),
         };
         let mut arguments = vec![
             "--headless=new".to_owned(),

@@ -24,7 +24,7 @@ pub(super) struct Browser {
 
 /// A driver and its port; `None` if there is none on this machine.
 fn driver() -> Option<(Child, u16)> {
-    // It takes a free port of IPv4 and ends if IPv6 has another user of it.
+    // Seldom one ends before it listens, seen beside others that start.
     for _ in 0..5 {
         let driver = Command::new("chromedriver")
             .arg("--port=0")

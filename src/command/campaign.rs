@@ -232,7 +232,7 @@ pub fn run(
         Step::File(result) => Some(Job::File {
             mark: None,
             result,
-            carry: None,
+            carry: Vec::new(),
         }),
         Step::More | Step::Wait | Step::End => None,
     });

@@ -46,6 +46,14 @@ pub(super) fn read(table: &mut Table<'_>) -> IngestSettings {
         Range::within(1.0, 86_400.0),
         default.settle_s,
     );
+    let join_s = table.number(
+        key(
+            "join_s",
+            "open samples at the end of a recording in the folder wait this long for one that goes on there; then their record ends [s]",
+        ),
+        Range::within(0.0, 86_400.0),
+        default.join_s,
+    );
     let listen = table
         .take(
             key(
@@ -99,6 +107,7 @@ pub(super) fn read(table: &mut Table<'_>) -> IngestSettings {
         folder,
         subfolders,
         settle_s,
+        join_s,
         listen,
         tls: tls.flatten(),
         clients: clients as usize,

@@ -69,8 +69,8 @@ pub enum Note<'a> {
     File {
         /// Mark of the file; `None` for one that may still grow.
         mark: Option<&'a FileMark>,
-        /// State that its journal leaves for the next part.
-        carry: Option<&'a Carry>,
+        /// Open samples that it leaves for the next part or file.
+        carry: &'a [Carry],
     },
     /// A sink has all events up to a number.
     Delivered {

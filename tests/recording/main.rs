@@ -14,4 +14,5 @@ mod packaging;
 mod sensor_files;
 mod sensors;
 mod simulate;
+mod watched;
 mod with_mass;

@@ -20,6 +20,7 @@ use tirante::config::settings::bucket::BucketSettings;
 use tirante::config::settings::credential::CredentialPath;
 use tirante::config::settings::journal::JournalSettings;
 use tirante::recording::part;
+use tirante::service::alert::Pace;
 use tirante::service::bucket::{S3, SINK, Uploader};
 use tirante::service::journal::{Around, Batch, Entry, Journal};
 use tirante::service::telemetry::{Fault, Health, Telemetry};
@@ -30,6 +31,12 @@ const REGION: &str = "eu-south-1";
 /// 2026-03-01T23:59:59Z, the last write of every part.
 const WRITTEN: u64 = 1_772_409_599;
 const DAY: &str = "2026/03/01";
+/// No wait outgrows the patience of a test, however long the failures lasted on a loaded machine.
+const PACE: Pace = Pace {
+    first: Duration::from_millis(100),
+    longest: Duration::from_secs(1),
+    deadline: Duration::from_secs(10),
+};
 
 /// The server, ended when this is dropped; it ends by itself with the test's process, whose pipe is its input.
 struct Server {
@@ -187,7 +194,8 @@ impl Site {
         held.store(u32::MAX, Ordering::Relaxed);
         let copied = Arc::clone(&held);
         Running {
-            _uploader: Uploader::start(&self.settings, &self.journal(), copied, telemetry.clone()).unwrap(),
+            _uploader: Uploader::start(PACE, &self.settings, &self.journal(), copied, telemetry.clone())
+                .unwrap(),
             held,
             telemetry,
         }

@@ -22,6 +22,7 @@ mod certificates;
 mod fault_kinds;
 mod folder;
 mod http;
+mod joins;
 mod journal;
 mod log;
 mod looks;

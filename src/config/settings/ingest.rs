@@ -90,6 +90,8 @@ pub struct IngestSettings {
     pub subfolders: bool,
     /// Time without growth after which a recording counts as cut short \[s\].
     pub settle_s: f64,
+    /// Time for which open samples at the end of a recording wait for the one that goes on there \[s\].
+    pub join_s: f64,
     /// Addresses to listen at.
     pub listen: Vec<Listen>,
     /// TLS; required on every TCP socket that is not on loopback.
@@ -108,6 +110,7 @@ impl Default for IngestSettings {
             folder: None,
             subfolders: false,
             settle_s: 600.0,
+            join_s: 10.0,
             listen: Vec::new(),
             tls: None,
             clients: 64,

@@ -46,7 +46,7 @@ fn all_cut_by(router: &Router, first: usize, settings: &RecordSettings) -> Vec<S
 }
 
 /// Channels and settings with which a rod's samples are cut, as a text to compare.
-fn cut_by(channels: &RodChannels, settings: &RecordSettings) -> String {
+pub(super) fn cut_by(channels: &RodChannels, settings: &RecordSettings) -> String {
     serde_json::to_string(&(channels, settings)).unwrap_or_default()
 }
 

@@ -25,6 +25,7 @@ pub mod source;
 mod speakers;
 pub mod stamp;
 pub mod summary;
+mod tail;
 mod verify;
 mod wire;
 
@@ -38,6 +39,7 @@ pub use self::route::{HELD, Listener};
 pub use self::series::{PartEnd, Parts, Series};
 pub use self::source::{Source, Step};
 pub use self::summary::{Summary, TopicSummary};
+pub use self::tail::{Tail, Tails};
 pub use self::verify::Trust;
 pub use crate::analysis::signal::record::Event;
 

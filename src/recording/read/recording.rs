@@ -6,8 +6,9 @@ use super::path::FieldPath;
 use super::route::{Rod, Router, Timed};
 use super::source::{Source, Step};
 use super::summary::Summary;
+use super::tail::{Tail, Tails};
 use super::{Place, SourceError};
-use crate::analysis::signal::record::{Event, RecordSettings, RodChannels, TimeSource, Timestamp};
+use crate::analysis::signal::record::{Event, RecordSettings, RodChannels, RodId, TimeSource, Timestamp};
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::fs::{self, File};
@@ -90,6 +91,8 @@ pub struct Recording {
     is_live: bool,
     /// True if other files are read beside it and continue where it ends.
     is_joined: bool,
+    /// Open samples that it left at its end.
+    left: Vec<Tail>,
     /// Damage that may be a record still being written.
     doubt: Option<Damage>,
 }
@@ -188,6 +191,7 @@ impl Recording {
             },
             is_live: live,
             is_joined: false,
+            left: Vec::new(),
             doubt: None,
         })
     }
@@ -218,6 +222,7 @@ impl Recording {
             },
             is_live: false,
             is_joined: false,
+            left: Vec::new(),
             doubt: None,
         }
     }
@@ -225,6 +230,27 @@ impl Recording {
     /// Adds a sentence to the summary: information that is no fault.
     pub fn note(&mut self, sentence: String) {
         self.summary.notes.push(sentence);
+    }
+
+    /// Lets its rods go on with the open samples of earlier files, and leave theirs at its end for the next one.
+    pub fn join(&mut self, tails: &Tails) {
+        self.router.join(tails.clone(), Arc::clone(&self.name));
+    }
+
+    /// Open samples that it left; none before its end, and none if it was cut short or damaged. One that was discarded leaves those of
+    /// earlier files.
+    pub fn left(&self) -> &[Tail] {
+        &self.left
+    }
+
+    /// Open samples of earlier files that its rods went on with.
+    pub fn taken(&self) -> &[Tail] {
+        self.router.taken()
+    }
+
+    /// True if a rod has samples in it, as far as it is read.
+    pub fn has_begun(&self, rod: &RodId) -> bool {
+        self.router.has_begun(rod)
     }
 
     fn step(&mut self) -> Step<Infallible> {
@@ -330,6 +356,11 @@ impl Recording {
         self.router.at()
     }
 
+    /// True if no message of it was read.
+    pub fn is_unread(&self) -> bool {
+        self.router.messages() == 0
+    }
+
     /// Swaps in the rods that its samples are for, or takes them back.
     pub(super) fn swap_rods(&mut self, rods: &mut Vec<Rod>) {
         std::mem::swap(&mut self.router.rods, rods);
@@ -422,6 +453,11 @@ impl Recording {
         if self.is_joined {
             self.router.end_file(cut_short, lost.as_deref());
             self.router.events(&mut self.queue);
+        } else if self.router.is_joined() && !cut_short {
+            self.router.leave(&mut self.queue);
+            let records: u64 = self.queue.iter().map(Timed::records).sum();
+            let place = (Arc::clone(&self.name), self.read, self.records + records);
+            self.left = self.router.left(&place);
         } else {
             self.router.finish(cut_short, lost.as_deref(), &mut self.queue);
         }
@@ -467,7 +503,10 @@ impl Source for Recording {
         self.stage = Stage::Ended;
         self.doubt = None;
         self.queue.clear();
+        let taken = self.router.take_taken();
         self.router = Router::of(Vec::new());
+        // With none of its records told, these are as the file before left them.
+        self.left = if self.records == 0 { taken } else { Vec::new() };
         self.summary.damage = Some(format!("{}: {why}; nothing of it was used", self.summary.file));
     }
 }

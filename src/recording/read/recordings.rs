@@ -20,7 +20,7 @@ use std::time::Duration;
 /// Pause before a growing recording is read again.
 const FOLLOW_POLL: Duration = Duration::from_millis(200);
 /// Largest overlap of consecutive files of one series \[ns\]: messages at the seam come out of order.
-const SEAM_NS: u64 = 1_000_000_000;
+pub(super) const SEAM_NS: u64 = 1_000_000_000;
 
 /// Opens files of any format.
 pub trait Opener: Send {

@@ -1,6 +1,7 @@
 //! Routes messages of a file's channels to the rods: decodes them and passes the samples to the assemblers.
 
 mod ahead;
+mod join;
 mod memory;
 mod message;
 mod rod;
@@ -18,6 +19,7 @@ use super::plans::{Plans, Route};
 use super::recording::Block;
 use super::speakers::Speakers;
 use super::summary::{Summary, TopicSummary};
+use super::tail::{Tail, Tails};
 use crate::analysis::signal::record::{
     Assembler, Channel, Cut, Event, Moments, RecordSettings, Rejection, RodChannels, RodId, Timestamp,
 };
@@ -78,6 +80,10 @@ pub(super) struct Router {
     holes: Vec<String>,
     /// Receiver of the samples, beside the assemblers.
     pub(super) listener: Option<Listener>,
+    /// Open samples of the files read before, with which the rods go on; `None` if the file is read on its own.
+    tails: Option<Tails>,
+    /// Those with which they did.
+    taken: Vec<Tail>,
 }
 
 /// A topic of the file.
@@ -97,6 +103,8 @@ struct Listed {
     stream: Option<usize>,
     /// True if it holds the notes of a journal.
     notes: bool,
+    /// True if it had a message.
+    is_begun: bool,
 }
 
 impl Router {
@@ -119,6 +127,8 @@ impl Router {
                     fed_by: [None; 2],
                     is_followed: false,
                     files: Files::default(),
+                    to: 0,
+                    is_begun: false,
                 }
             })
         });
@@ -143,6 +153,8 @@ impl Router {
             released: BTreeMap::new(),
             holes: Vec::new(),
             listener: None,
+            tails: None,
+            taken: Vec::new(),
             channels: Vec::new(),
             scratch: Vec::new(),
             topics: Vec::new(),
@@ -189,6 +201,7 @@ impl Router {
             routes,
             stream,
             notes: false,
+            is_begun: false,
         };
     }
 
@@ -216,6 +229,9 @@ impl Router {
     /// Takes the samples of a message from number `from` on; true if more follow.
     #[inline]
     fn message(&mut self, message: Message<'_>, from: usize) -> bool {
+        if self.tails.is_some() {
+            self.go_on_with_tails(message.channel, message.log_time);
+        }
         let Self {
             rods,
             counts,
@@ -278,6 +294,9 @@ impl Router {
                 };
                 rod.fed_by[usize::from(route.temperature)] = listed.stream;
                 rod.is_followed |= !route.temperature;
+                if !route.temperature {
+                    rod.to = rod.to.max(message.log_time);
+                }
                 rod.assembler.set_unverified(*unverified);
                 match route.take((rod, count), (&message, from), file.as_ref(), scratch) {
                     Ok((time, more)) => {

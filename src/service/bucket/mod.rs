@@ -51,11 +51,12 @@ pub struct Uploader {
 }
 
 impl Uploader {
-    /// Starts it over the journal in `folder`; `held` is the number of the last part that the bucket has, for who removes parts.
+    /// Starts it over the journal in `folder`, with the waits of `pace` after failures; `held` is the number of the last part that the bucket has, for who removes parts.
     ///
     /// # Errors
     /// The system gives no thread, or the folder cannot be read.
     pub fn start(
+        pace: Pace,
         settings: &BucketSettings,
         folder: &Path,
         held: Arc<AtomicU32>,
@@ -74,7 +75,7 @@ impl Uploader {
         };
         thread::Builder::new()
             .name("bucket".to_owned())
-            .spawn(move || work.run(&stopped))?;
+            .spawn(move || work.run(pace, &stopped))?;
         Ok(Self { stop: Some(stop) })
     }
 }
@@ -99,10 +100,10 @@ struct Work {
 }
 
 impl Work {
-    fn run(self, stopped: &Receiver<()>) {
+    fn run(self, pace: Pace, stopped: &Receiver<()>) {
         let seed =
             crate::analysis::numerics::random::seed(&[SINK.as_bytes(), self.settings.address().as_bytes()]);
-        let mut backoff = Backoff::new(Pace::default(), seed);
+        let mut backoff = Backoff::new(pace, seed);
         let mut wait = Duration::ZERO;
         while stopped.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
             let health = &self.telemetry.health;

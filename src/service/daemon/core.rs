@@ -466,10 +466,13 @@ impl Core {
 fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<Taken>, StoreError> {
     match done {
         Done::Event(analysed, place) => return site.take_event(analysed, Some(place.position()), before),
-        Done::Job(Job::File { mark, carry, .. }) if mark.is_some() || carry.is_some() => {
-            let (mark, carry) = (mark.as_ref(), carry.as_ref());
-            site.note(Note::File { mark, carry })?;
+        Done::Job(Job::File { mark, carry, .. }) if mark.is_some() || !carry.is_empty() => {
+            site.note(Note::File {
+                mark: mark.as_ref(),
+                carry,
+            })?;
         }
+        Done::Job(Job::Carry(carry)) => site.note(Note::File { mark: None, carry })?,
         Done::Job(Job::Delivered { sink, through }) => {
             let through = *through;
             site.note(Note::Delivered { sink, through })?;

@@ -5,6 +5,7 @@ use super::reader::JournalSource;
 use crate::analysis::signal::record::Timestamp;
 use crate::config::{Config, RodConfig};
 use crate::recording::part;
+use crate::service::alert::Pace;
 use crate::service::bucket::Uploader;
 use crate::service::ingest::{self, Counts, Listener, Server, TopicSet};
 use crate::service::journal::retention::Kept;
@@ -108,7 +109,13 @@ impl Live {
         let journal = Journal::start(&folder, &config.journal, resume_s, around, failed)?;
         refuse_within(&folder, config)?;
         if let (Some(bucket), Some(copied)) = (&config.bucket, copied) {
-            live.uploader = Some(Uploader::start(bucket, &folder, copied, telemetry.clone())?);
+            live.uploader = Some(Uploader::start(
+                Pace::default(),
+                bucket,
+                &folder,
+                copied,
+                telemetry.clone(),
+            )?);
         }
         telemetry.metrics.watch_disk("journal", folder.clone());
         if !bound.ingest.is_empty() {

@@ -3,7 +3,7 @@
 //! Every source has its turn, and a turn is short: a huge file never keeps live data waiting. When it stops,
 //! data not committed yet is left to be read again at the next start.
 
-use super::folder::Folder;
+use super::folder::{Folder, FolderEnd, FolderStep};
 pub use super::remembered::{JOURNAL, Remembered};
 use super::steps::Guard;
 use super::supervision::{Standing, Watch};
@@ -43,6 +43,8 @@ pub struct Sources {
     pub subfolders: bool,
     /// Time without growth after which a recording counts as cut short \[s\].
     pub settle_s: f64,
+    /// Time for which open samples at the end of a recording wait for the one that goes on there \[s\].
+    pub join_s: f64,
     /// Journal to read, if any.
     pub journal: Option<JournalSource>,
 }
@@ -196,13 +198,13 @@ impl Work {
         let health = &around.health;
         let (channels, settings) = (channels(&generation), generation.config.record);
         let folder = sources.folder.map(|path| {
-            let settle = Duration::try_from_secs_f64(sources.settle_s).unwrap_or(Duration::MAX);
+            let time = |seconds: f64| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX);
             Folder::new(
                 (path, sources.subfolders),
-                settle,
+                (time(sources.settle_s), time(sources.join_s)),
                 &channels,
                 &settings,
-                &remembered.files,
+                remembered,
                 Arc::clone(health),
             )
         });
@@ -347,18 +349,27 @@ impl Work {
             return Ok(false);
         };
         let elsewhere = self.journal.as_ref().map_or(0, |lane| lane.series.held());
-        match folder.step(
+        let step = folder.step(
             &mut *self.around.watch,
             (&self.stop, &self.around.beat),
             elsewhere,
-        ) {
+        );
+        self.send_step(step)
+    }
+
+    /// Sends a step of the folder; returns true if it brought any data.
+    fn send_step(&mut self, step: FolderStep) -> Result<bool, Stopped> {
+        match step {
             Step::Wait | Step::End => return Ok(false),
             Step::More => {}
             Step::Event(event, place) => self.send_event(event, place)?,
-            Step::File((mark, result)) => self.send(Job::File {
-                mark: Some(mark),
-                result,
-                carry: None,
+            Step::File(FolderEnd { file, kept: carry }) => self.send(match file {
+                None => Job::Carry(carry),
+                Some((mark, result)) => Job::File {
+                    mark: Some(mark),
+                    result,
+                    carry,
+                },
             })?,
         }
         Ok(true)
@@ -430,7 +441,7 @@ impl Work {
         self.send(Job::File {
             mark: Some(mark),
             result: end.result,
-            carry,
+            carry: carry.into_iter().collect(),
         })?;
         match waiting {
             Some(generation) => self.change(generation),
@@ -464,8 +475,10 @@ impl Work {
 
     /// Cuts records by another configuration from here on.
     fn change(&mut self, generation: Arc<Generation>) -> Result<(), Stopped> {
-        if let Some(folder) = &mut self.folder {
-            folder.change(&channels(&generation), &generation.config.record);
+        let folder = self.folder.as_mut();
+        let steps = folder.map(|folder| folder.change(&channels(&generation), &generation.config.record));
+        for step in steps.into_iter().flatten() {
+            self.send_step(step)?;
         }
         self.generation = Arc::clone(&generation);
         self.send(Job::Reload(generation))

@@ -14,9 +14,20 @@ pub fn needed_for(old: &Config, new: &Config) -> Vec<&'static str> {
         ("[ingest] listen", ingest.listen != other.listen),
         ("[ingest.tls]", ingest.tls != other.tls),
         (
-            "[ingest] settle_s, clients, idle_s, resume_h",
-            (ingest.settle_s, ingest.clients, ingest.idle_s, ingest.resume_s)
-                != (other.settle_s, other.clients, other.idle_s, other.resume_s),
+            "[ingest] settle_s, join_s, clients, idle_s, resume_h",
+            (
+                ingest.settle_s,
+                ingest.join_s,
+                ingest.clients,
+                ingest.idle_s,
+                ingest.resume_s,
+            ) != (
+                other.settle_s,
+                other.join_s,
+                other.clients,
+                other.idle_s,
+                other.resume_s,
+            ),
         ),
         ("[journal]", old.journal != new.journal),
         ("[bucket]", old.bucket != new.bucket),

@@ -200,6 +200,7 @@ impl Running {
             folder: config.ingest.folder.clone(),
             subfolders: config.ingest.subfolders,
             settle_s: config.ingest.settle_s,
+            join_s: config.ingest.join_s,
             journal: live.source(),
         };
         let reader = Reader::start(

@@ -67,7 +67,7 @@ impl Held {
                     self.forget_silent(now);
                     self.release(&mut going);
                 }
-                Done::Job(job @ Job::File { .. }) => {
+                Done::Job(job @ (Job::File { .. } | Job::Carry(_))) => {
                     self.files.push_back((self.next, Done::Job(job)));
                     self.release(&mut going);
                 }
@@ -160,7 +160,7 @@ mod tests {
         Done::Job(Job::File {
             mark: None,
             result: Ok(Summary::default()),
-            carry: None,
+            carry: Vec::new(),
         })
     }
 

@@ -74,9 +74,11 @@ pub enum Job {
         mark: Option<FileMark>,
         /// Summary of the file, or the error that prevented reading.
         result: FileResult,
-        /// State that its journal leaves for the next part.
-        carry: Option<Carry>,
+        /// Open samples that it leaves for the next part or file.
+        carry: Vec<Carry>,
     },
+    /// Open samples of files that changed since their end: all their events came before.
+    Carry(Vec<Carry>),
     /// A new configuration is in force from here on.
     Reload(Arc<Generation>),
     /// A sink has all events up to this number.

@@ -34,8 +34,8 @@ pub struct Commit<'a> {
     pub source: Option<Position<'a>>,
     /// Mark of a file read to its end.
     pub file: Option<&'a FileMark>,
-    /// State of a journal for its next part.
-    pub carry: Option<&'a Carry>,
+    /// Open samples that a part or a file leaves for the next.
+    pub carry: &'a [Carry],
     /// A sink, and the number of the latest event delivered to it.
     pub delivered: Option<(&'a str, i64)>,
 }
@@ -125,7 +125,7 @@ impl Commit<'_> {
         if let Some(file) = self.file {
             write_file(connection, file)?;
         }
-        if let Some(carry) = self.carry {
+        for carry in self.carry {
             write_carry(connection, carry)?;
         }
         if let Some((sink, through)) = self.delivered {

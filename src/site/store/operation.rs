@@ -34,14 +34,14 @@ pub struct FileMark {
     pub state: FileState,
 }
 
-/// State that the parts of a journal read to their end leave for the next: samples of records still open.
+/// State that the parts of a journal, or the files of a folder, read to their end leave for the next: samples of records still open.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Carry {
-    /// Identity of the journal.
+    /// Name of what left it.
     pub journal: String,
-    /// Number of the part that resumes from it.
+    /// Number of the part that resumes from it; 0 for a folder.
     pub part: u32,
-    /// State as encoded by the journal's reader.
+    /// State as its reader encodes it; an empty one is removed.
     pub body: Vec<u8>,
 }
 
@@ -72,6 +72,10 @@ pub(super) fn write_file(connection: &Connection, file: &FileMark) -> rusqlite::
 }
 
 pub(super) fn write_carry(connection: &Connection, carry: &Carry) -> rusqlite::Result<()> {
+    if carry.body.is_empty() {
+        connection.execute("DELETE FROM carry WHERE journal = ?", [&carry.journal])?;
+        return Ok(());
+    }
     Row::of("carry")
         .with("journal", carry.journal.clone())
         .with("part", i64::from(carry.part))
@@ -121,19 +125,29 @@ impl Reader {
     /// # Errors
     /// It cannot be read.
     pub fn carry(&self, journal: &str) -> Result<Option<Carry>, StoreError> {
-        let carry = || {
-            self.connection
-                .prepare("SELECT journal, part, body FROM carry WHERE journal = ?")?
-                .query_row([journal], |row| {
-                    Ok(Carry {
-                        journal: row.get(0)?,
-                        part: row.get(1)?,
-                        body: row.get(2)?,
-                    })
+        let named = self.carries(journal)?;
+        Ok(named.into_iter().find(|carry| carry.journal == journal))
+    }
+
+    /// All states whose names begin so.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn carries(&self, beginning: &str) -> Result<Vec<Carry>, StoreError> {
+        let carries = || -> rusqlite::Result<Vec<Carry>> {
+            let mut statement = self.connection.prepare(
+                "SELECT journal, part, body FROM carry WHERE substr(journal, 1, length(?1)) = ?1 ORDER BY journal",
+            )?;
+            let carries = statement.query_map([beginning], |row| {
+                Ok(Carry {
+                    journal: row.get(0)?,
+                    part: row.get(1)?,
+                    body: row.get(2)?,
                 })
-                .optional()
+            })?;
+            carries.collect()
         };
-        carry().map_err(|error| self.fault(Failure::Sql(error)))
+        carries().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// Number of the latest event delivered to a sink; `None` for an unknown sink.

@@ -314,6 +314,14 @@ impl Assembler {
         self.release(false);
     }
 
+    /// Takes over the temperatures of `other`, which came later than its own.
+    pub fn append_temperatures(&mut self, other: &mut Self) {
+        if let (Some(own), Some(later)) = (&mut self.temperature, &mut other.temperature) {
+            own.append(std::mem::take(later));
+        }
+        self.release(false);
+    }
+
     /// Temperature readings up to `until` that belong to no record: between the last record and the end of
     /// the stream, or beside rejected stretches. None is returned twice.
     pub fn leftover(&mut self, until: Timestamp) -> Vec<Reading> {

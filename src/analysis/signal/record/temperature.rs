@@ -63,6 +63,28 @@ impl Temperature {
         }
     }
 
+    /// Adds the later readings of another one.
+    pub fn append(&mut self, later: Self) {
+        for (second, (celsius, count)) in later.seconds {
+            let (sum, number) = self.seconds.entry(second).or_default();
+            *sum += celsius;
+            *number += count;
+        }
+        while self.seconds.len() > KEPT {
+            self.seconds.pop_first();
+        }
+        self.last = self.last.max(later.last);
+        for (second, more) in later.fresh {
+            let sum = self.fresh.entry(second).or_default();
+            sum.celsius += more.celsius;
+            sum.after_s += more.after_s;
+            sum.count += more.count;
+        }
+        if self.fresh.len() > FRESH {
+            self.thin();
+        }
+    }
+
     /// Hands out the readings up to and including the second of `end`, ascending, one mean per five minutes at
     /// the mean of their times (to the second). None is handed out twice; a late one leaves with the next record.
     pub fn take(&mut self, end: Timestamp) -> Vec<Reading> {

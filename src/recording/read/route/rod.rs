@@ -28,6 +28,10 @@ pub(in crate::recording::read) struct Rod {
     /// True if it ever had samples.
     pub(in crate::recording::read) is_followed: bool,
     pub(in crate::recording::read) files: Files,
+    /// Log time of its latest message with samples \[ns\].
+    pub(in crate::recording::read) to: u64,
+    /// True if it had samples in the file that is read, with the first lane of the rod.
+    pub(in crate::recording::read) is_begun: bool,
 }
 
 /// Most files of a rod that are remembered: beyond, a record waited for its temperature over as many files.
@@ -40,7 +44,7 @@ pub(in crate::recording::read) struct Files(VecDeque<(Arc<str>, Timestamp)>);
 impl Files {
     /// Notes samples of a file.
     #[inline]
-    pub(super) fn note(&mut self, file: Option<&Arc<str>>, time: Timestamp) {
+    pub(in crate::recording::read) fn note(&mut self, file: Option<&Arc<str>>, time: Timestamp) {
         if let Some(file) = file
             && !self
                 .0

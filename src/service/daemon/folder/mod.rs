@@ -1,17 +1,21 @@
 //! The watched folder: finds recordings to read, and reads them one step at a time.
 
+mod joins;
 mod lane;
 mod listing;
 
+pub(super) use self::joins::KEPT_UNDER;
+use self::joins::{Ended, Joins};
 use self::lane::{Lane, Stamp, has_end, stamp};
 use self::listing::{Entry, Listing, label, name_of};
+use super::remembered::Remembered;
 use super::supervision::Watch;
 use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::read::folder::first_time;
 use crate::recording::read::recordings::FileResult;
 use crate::recording::read::{HELD, Step};
 use crate::service::telemetry::{Beat, Fault, Health};
-use crate::site::store::{FileMark, FileState};
+use crate::site::store::{Carry, FileMark, FileState};
 use rustix::fs::{Mode, OFlags};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
 use std::ffi::{OsStr, OsString};
@@ -65,6 +69,10 @@ pub(super) struct Folder {
     /// Log time of the first message of the finished file that is read \[ns since 1970\].
     begins: u64,
     growing: VecDeque<Lane>,
+    /// Samples that files read to their end left open.
+    joins: Joins,
+    /// Steps taken already.
+    ready: VecDeque<FolderStep>,
     next_scan: Instant,
     /// Bytes of samples that the journal holds.
     elsewhere: usize,
@@ -76,18 +84,27 @@ pub(super) struct Folder {
     catches_up: bool,
 }
 
-/// Step of the folder; the end of a file comes with its mark.
-pub(super) type FolderStep = Step<(FileMark, FileResult)>;
+/// Step of the folder.
+pub(super) type FolderStep = Step<FolderEnd>;
+
+/// End of a file, or of samples that it left open.
+pub(super) struct FolderEnd {
+    /// Mark and summary of the file.
+    pub file: Option<(FileMark, FileResult)>,
+    /// Rows of open samples that change with it.
+    pub kept: Vec<Carry>,
+}
 
 impl Folder {
     pub fn new(
         (path, has_subfolders): (PathBuf, bool),
-        settle: Duration,
+        (settle, join): (Duration, Duration),
         channels: &[RodChannels],
         settings: &RecordSettings,
-        marks: &BTreeMap<String, FileMark>,
+        remembered: &Remembered,
         health: Arc<Health>,
     ) -> Self {
+        let marks = &remembered.files;
         let mut set_aside = BTreeSet::new();
         for mark in marks.values() {
             if let (FileState::Quarantined(why), Some(name)) = (&mark.state, name_of(&mark.name)) {
@@ -104,6 +121,8 @@ impl Folder {
             settle,
             channels: channels.to_vec(),
             settings: *settings,
+            joins: Joins::new(&remembered.open, channels, settings, join, Arc::clone(&health)),
+            ready: VecDeque::new(),
             health,
             done: done.collect(),
             queue: BTreeSet::new(),
@@ -141,13 +160,41 @@ impl Folder {
         self.catches_up || self.finished.is_some() || !self.queue.is_empty()
     }
 
-    /// Changes channels and settings: files not read to their end are begun again.
-    pub fn change(&mut self, channels: &[RodChannels], settings: &RecordSettings) {
+    /// Changes channels and settings: files not read to their end are begun again. Returns the steps before the change.
+    pub fn change(
+        &mut self,
+        channels: &[RodChannels],
+        settings: &RecordSettings,
+    ) -> impl Iterator<Item = FolderStep> + use<> {
+        let begun_again = self.finished.iter().chain(&self.growing);
+        let ended = self.joins.change(begun_again, channels, settings);
+        self.tell(ended, None);
         channels.clone_into(&mut self.channels);
         self.settings = *settings;
         self.finished = None;
         self.growing.clear();
         self.next_scan = Instant::now();
+        std::mem::take(&mut self.ready).into_iter()
+    }
+
+    /// Queues the events of samples that ended, and the end of a file behind them.
+    fn tell(&mut self, ended: Ended, file: Option<(FileMark, FileResult)>) {
+        let Ended { events, kept } = ended;
+        let events = events.into_iter();
+        self.ready
+            .extend(events.map(|(event, place)| Step::Event(event, place)));
+        if file.is_some() || !kept.is_empty() {
+            self.ready.push_back(Step::File(FolderEnd { file, kept }));
+        }
+    }
+
+    /// Ends open samples that have waited long enough, unless a file that is there may go on with them.
+    fn end_late(&mut self) {
+        let is_unread = |lane: &Lane| lane.recording.is_unread();
+        if self.finished.is_none() && self.queue.is_empty() && !self.growing.iter().any(is_unread) {
+            let ended = self.joins.end_late();
+            self.tell(ended, None);
+        }
     }
 
     /// Takes one step: a scan if due, or at most one record or chunk of one file. `elsewhere`: bytes of samples
@@ -158,26 +205,29 @@ impl Folder {
         (stop, beat): (&AtomicBool, &Beat),
         elsewhere: usize,
     ) -> FolderStep {
+        if let Some(step) = self.ready.pop_front() {
+            return step;
+        }
         self.elsewhere = elsewhere;
         if Instant::now() >= self.next_scan {
             let began = Instant::now();
             self.scan(stop, beat);
+            self.end_late();
             let took = began.elapsed();
             self.next_scan = Instant::now() + SCAN_EVERY.max(SCAN_SHARE * took);
         }
         if self.finished.is_none() {
             self.open_finished();
         }
-        if let Some(mut lane) = self.finished.take() {
+        if self.finished.is_some() {
             self.is_turn_of_growing = !self.is_turn_of_growing && !self.catches_up;
-            self.elsewhere = elsewhere + lane.held;
             if self.is_turn_of_growing
                 && let Some(step) = self.step_growing(watch)
             {
-                self.finished = Some(lane);
                 return step;
             }
-            self.elsewhere = elsewhere;
+        }
+        if let Some(mut lane) = self.finished.take() {
             lane.recording.bound(self.room());
             let step = lane.step(watch, self.settle, &self.health);
             if let Some(Step::End) = step {
@@ -226,7 +276,8 @@ impl Folder {
     fn room(&self) -> usize {
         let others = self.growing.iter().chain(&self.finished);
         let held: usize = others.map(|lane| lane.held).sum();
-        HELD.saturating_sub(self.elsewhere + held).max(LEAST_ROOM)
+        let open = self.joins.held();
+        HELD.saturating_sub(self.elsewhere + held + open).max(LEAST_ROOM)
     }
 
     /// Puts off the largest growing files while all together hold too much: they are begun again when
@@ -256,7 +307,7 @@ impl Folder {
             // One that goes on growing is not worth every scan.
             self.failed.insert(lane.name.clone(), Instant::now() + RETRY);
         }
-        self.done.insert(lane.name, lane.stamp);
+        self.done.insert(lane.name.clone(), lane.stamp);
         let losses = lane.recording.summary().faults();
         let read = match losses.is_empty() {
             true => FileState::Done,
@@ -268,7 +319,10 @@ impl Folder {
             modified_ns,
             state: quarantined.map_or(read, FileState::Quarantined),
         };
-        Step::File((mark, Ok(lane.recording.summary().clone())))
+        let others = self.finished.iter().chain(&self.growing);
+        let ended = self.joins.left(&lane.recording, others);
+        self.tell(ended, Some((mark, Ok(lane.recording.summary().clone()))));
+        self.ready.pop_front().unwrap_or(Step::More)
     }
 
     /// Looks for files that are new or changed.
@@ -379,7 +433,10 @@ impl Folder {
             self.crowded += 1;
         } else {
             match Lane::begin(&self.path, name, file, true, &self.channels, &self.settings) {
-                Ok(lane) => self.growing.push_back(lane),
+                Ok(mut lane) => {
+                    self.joins.join(&mut lane.recording);
+                    self.growing.push_back(lane);
+                }
                 Err(error) => self.health.fault(Fault::Folder, error),
             }
         }
@@ -396,7 +453,10 @@ impl Folder {
                 .map_err(|error| io::Error::other(error.to_string()))
         });
         match opened {
-            Ok(lane) => self.finished = Some(lane),
+            Ok(mut lane) => {
+                self.joins.join(&mut lane.recording);
+                self.finished = Some(lane);
+            }
             // Removed meanwhile.
             Err(fault) if fault.kind() == io::ErrorKind::NotFound => {}
             Err(fault) => self.cannot_open(&name, &fault),

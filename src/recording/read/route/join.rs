@@ -1,0 +1,104 @@
+//! Rods that go on where an earlier file ended, and leave their open samples to the next.
+
+use super::{Router, Timed};
+use crate::analysis::signal::record::RodId;
+use crate::recording::read::tail::{Tail, Tails};
+use std::sync::Arc;
+
+impl Router {
+    /// Lets the rods go on with the open samples of earlier files, and leave theirs.
+    pub fn join(&mut self, tails: Tails, file: Arc<str>) {
+        self.tails = Some(tails).filter(|_| !self.ends_with_file);
+        self.file = Some(file);
+    }
+
+    /// True if its rods leave open samples at the end.
+    pub fn is_joined(&self) -> bool {
+        self.tails.is_some()
+    }
+
+    /// Lets the rods of a channel go on with their open samples, at its first message in the file.
+    pub(super) fn go_on_with_tails(&mut self, channel: u16, log_time: u64) {
+        let Some(listed) = self.channels.get_mut(usize::from(channel)) else {
+            return;
+        };
+        if std::mem::replace(&mut listed.is_begun, true) {
+            return;
+        }
+        let (routes, Some(tails)) = (listed.routes.clone(), &self.tails) else {
+            return;
+        };
+        // Temperatures alone may stand in a file of their own.
+        for route in routes
+            .iter()
+            .flat_map(|routes| routes.iter())
+            .filter(|route| !route.temperature)
+        {
+            let Some(first) = self.rods.get(route.rod).map(|rod| route.rod - rod.sensor) else {
+                continue;
+            };
+            let lanes = self.rods[first..].chunk_by_mut(|_, next| next.sensor > 0).next();
+            let Some(lanes) = lanes else { continue };
+            if std::mem::replace(&mut lanes[0].is_begun, true) {
+                continue;
+            }
+            let Some(tail) = tails.take(&lanes[0].config.rod, log_time) else {
+                continue;
+            };
+            if !tail.restore(lanes, tails.settings()) {
+                let lost = format!(
+                    "rod {}: the samples that {} left open cannot be read; they are left out",
+                    tail.rod, tail.file
+                );
+                self.holes.push(lost);
+            }
+            self.taken.push(tail);
+        }
+    }
+
+    /// Ends the file: rods with samples in it leave what is open, the others end.
+    pub fn leave(&mut self, to: &mut impl Extend<Timed>) {
+        self.go_on_to_the_end();
+        let mut first_begun = false;
+        for (rod, count) in self.rods.iter_mut().zip(&self.counts) {
+            if rod.sensor == 0 {
+                first_begun = rod.is_begun;
+            }
+            match first_begun {
+                true => rod.tell_nothing(*count, None),
+                false => rod.finish(*count, false, None),
+            }
+        }
+        self.collect(false);
+        self.events(to);
+    }
+
+    /// Open samples of the rods with samples in the file, whose events were taken.
+    pub fn left(&self, place: &(Arc<str>, u64, u64)) -> Vec<Tail> {
+        let Some(tails) = &self.tails else {
+            return Vec::new();
+        };
+        let lanes = self.rods.chunk_by(|_, next| next.sensor > 0);
+        lanes
+            .filter(|lanes| lanes.iter().any(|lane| lane.is_begun))
+            .filter_map(|lanes| Tail::of(lanes, tails.settings(), place))
+            .collect()
+    }
+
+    /// Open samples of earlier files that the rods went on with.
+    pub fn taken(&self) -> &[Tail] {
+        &self.taken
+    }
+
+    /// The same, taken out.
+    pub fn take_taken(&mut self) -> Vec<Tail> {
+        std::mem::take(&mut self.taken)
+    }
+
+    /// True if a rod had samples in the file.
+    pub fn has_begun(&self, rod: &RodId) -> bool {
+        self.rods
+            .iter()
+            .any(|lane| lane.is_begun && lane.config.rod == *rod)
+    }
+}

@@ -1,0 +1,205 @@
+//! Open samples at the end of a file, from which the file that goes on there begins.
+
+use super::carry::cut_by;
+use super::recordings::SEAM_NS;
+use super::route::{Files, Rod, Router};
+use super::{Event, Place};
+use crate::analysis::signal::record::{Assembler, RecordSettings, RodChannels, RodId, Timestamp};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+/// Version of the encoding, raised whenever the content of an assembler changes its meaning.
+const VERSION: u32 = 1;
+
+/// Samples of a rod that its latest file left open.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Tail {
+    /// The rod.
+    pub rod: RodId,
+    /// Log time of its latest message with samples \[ns since 1970\].
+    pub to: u64,
+    /// Name of the file.
+    pub file: String,
+    /// Bytes read of the file.
+    bytes: u64,
+    /// Number of records returned of it.
+    records: u64,
+    lanes: Vec<Lane>,
+    moments: Option<Vec<u8>>,
+}
+
+/// One sensor of the rod.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Lane {
+    /// Channels and settings with which its samples were cut.
+    cut_by: String,
+    is_followed: bool,
+    assembler: Vec<u8>,
+}
+
+impl Tail {
+    /// Saves the lanes of a rod, whose events were taken, at the end of a file.
+    pub(super) fn of(lanes: &[Rod], settings: &RecordSettings, place: &(Arc<str>, u64, u64)) -> Option<Self> {
+        let first = lanes.first()?;
+        let saved = lanes.iter().map(|lane| {
+            Ok(Lane {
+                cut_by: cut_by(&lane.config, settings),
+                is_followed: lane.is_followed,
+                assembler: lane.assembler.save()?,
+            })
+        });
+        let (file, bytes, records) = place;
+        Some(Self {
+            rod: first.config.rod.clone(),
+            to: lanes.iter().map(|lane| lane.to).max()?,
+            file: file.to_string(),
+            bytes: *bytes,
+            records: *records,
+            // No input brings about that samples cannot be encoded.
+            lanes: saved.collect::<Result<_, postcard::Error>>().ok()?,
+            moments: first.moments.as_ref().and_then(|moments| moments.save().ok()),
+        })
+    }
+
+    /// Encodes it for the store.
+    pub fn encode(&self) -> Vec<u8> {
+        postcard::to_stdvec(&(VERSION, self)).unwrap_or_default()
+    }
+
+    /// Reads an encoded one; `None` if it comes from another version of the program.
+    pub fn decode(body: &[u8]) -> Option<Self> {
+        // The version comes first: another one need not be readable beyond it.
+        let (version, rest) = postcard::take_from_bytes::<u32>(body).ok()?;
+        (version == VERSION)
+            .then(|| postcard::from_bytes(rest).ok())
+            .flatten()
+    }
+
+    /// Bytes that it takes.
+    pub fn held(&self) -> usize {
+        let lanes: usize = self.lanes.iter().map(|lane| lane.assembler.len()).sum();
+        lanes + self.moments.as_ref().map_or(0, Vec::len)
+    }
+
+    /// True if its rod is cut now as its samples were.
+    pub fn fits(&self, channels: &[RodChannels], settings: &RecordSettings) -> bool {
+        let rod = channels.iter().find(|channels| channels.rod == self.rod);
+        rod.is_some_and(|rod| {
+            let now = rod.lanes().map(|lane| cut_by(&lane, settings));
+            now.eq(self.lanes.iter().map(|lane| lane.cut_by.clone()))
+        })
+    }
+
+    /// Puts its samples into the lanes of its rod, in front of the temperatures that these have already; false if it cannot be read.
+    pub(super) fn restore(&self, lanes: &mut [Rod], settings: &RecordSettings) -> bool {
+        let resumed = self
+            .lanes
+            .iter()
+            .map(|lane| Assembler::resume(&lane.assembler, *settings));
+        let Ok(assemblers) = resumed.collect::<Result<Vec<_>, _>>() else {
+            return false;
+        };
+        if assemblers.len() != lanes.len() {
+            return false;
+        }
+        let file: Arc<str> = Arc::from(self.file.as_str());
+        for ((lane, saved), mut assembler) in lanes.iter_mut().zip(&self.lanes).zip(assemblers) {
+            assembler.append_temperatures(&mut lane.assembler);
+            lane.assembler = assembler;
+            lane.is_followed = saved.is_followed;
+            lane.to = lane.to.max(self.to);
+            lane.files = Files::default();
+            lane.files.note(Some(&file), Timestamp::from_nanos(i64::MIN));
+        }
+        match (
+            lanes.first_mut().and_then(|lane| lane.moments.as_mut()),
+            &self.moments,
+        ) {
+            (Some(moments), Some(saved)) => moments.resume(saved).is_ok(),
+            (None, None) => true,
+            _ => false,
+        }
+    }
+
+    /// Events of its samples if no file goes on with them; `None` if it cannot be read.
+    pub fn ended(&self, channels: &[RodChannels], settings: &RecordSettings) -> Option<Vec<(Event, Place)>> {
+        let rod = channels.iter().find(|channels| channels.rod == self.rod)?;
+        let mut router = Router::new(std::slice::from_ref(rod), settings);
+        if !self.restore(&mut router.rods, settings) {
+            return None;
+        }
+        let file: Arc<str> = Arc::from(self.file.as_str());
+        let mut records = self.records;
+        let events = router.ended().map(|timed| {
+            records += timed.records();
+            timed.at_place(Arc::clone(&file), self.bytes, records)
+        });
+        Some(events.collect())
+    }
+}
+
+/// Open samples of the files read so far, one rod each, for the files that go on with them.
+#[derive(Debug, Clone)]
+pub struct Tails {
+    waiting: Arc<Mutex<BTreeMap<RodId, (Tail, Instant)>>>,
+    settings: RecordSettings,
+}
+
+impl Tails {
+    /// None yet, of rods cut with `settings`.
+    pub fn new(settings: RecordSettings) -> Self {
+        Self {
+            waiting: Arc::default(),
+            settings,
+        }
+    }
+
+    /// Settings with which the rods are cut.
+    pub fn settings(&self) -> &RecordSettings {
+        &self.settings
+    }
+
+    fn all<T>(&self, work: impl FnOnce(&mut BTreeMap<RodId, (Tail, Instant)>) -> T) -> T {
+        work(&mut self.waiting.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Takes the samples with which a rod's message of this log time \[ns\] goes on: earlier messages than theirs go on with nothing.
+    pub(super) fn take(&self, rod: &RodId, time: u64) -> Option<Tail> {
+        self.all(|waiting| {
+            let (tail, _) = waiting.get(rod)?;
+            (time.saturating_add(SEAM_NS) >= tail.to)
+                .then(|| waiting.remove(rod))
+                .flatten()
+                .map(|(tail, _)| tail)
+        })
+    }
+
+    /// Adds a rod's; returns the one that cannot wait any more, since the rod has a later one.
+    pub fn put(&self, tail: Tail) -> Option<Tail> {
+        self.all(|waiting| {
+            if waiting
+                .get(&tail.rod)
+                .is_some_and(|(other, _)| other.to > tail.to)
+            {
+                return Some(tail);
+            }
+            let before = waiting.insert(tail.rod.clone(), (tail, Instant::now()));
+            before.map(|(tail, _)| tail)
+        })
+    }
+
+    /// Takes those for which `is_wanted` is true, with the time since which each waits.
+    pub fn remove_if(&self, is_wanted: impl Fn(&Tail, Instant) -> bool) -> Vec<Tail> {
+        self.all(|waiting| {
+            let wanted = waiting.extract_if(.., |_, (tail, since)| is_wanted(tail, *since));
+            wanted.map(|(_, (tail, _))| tail).collect()
+        })
+    }
+
+    /// Bytes that all of them take.
+    pub fn held(&self) -> usize {
+        self.all(|waiting| waiting.values().map(|(tail, _)| tail.held()).sum())
+    }
+}

@@ -1,0 +1,157 @@
+//! Open samples at the ends of the folder's files: they wait a while for the file that goes on there.
+
+use super::lane::Lane;
+use crate::analysis::signal::record::{Event, RecordSettings, RodChannels, RodId};
+use crate::recording::read::{Place, Recording, Tail, Tails};
+use crate::service::telemetry::{Fault, Health};
+use crate::site::store::Carry;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Beginning of the names under which the store keeps them, before the rod's id.
+pub(in crate::service::daemon) const KEPT_UNDER: &str = "folder/";
+
+/// Open samples of the files read so far.
+pub(super) struct Joins {
+    tails: Tails,
+    /// Time for which they wait.
+    wait: Duration,
+    channels: Vec<RodChannels>,
+    health: Arc<Health>,
+}
+
+/// Events of samples that nothing goes on with, and what the store keeps from then on.
+#[derive(Default)]
+pub(super) struct Ended {
+    pub(super) events: Vec<(Event, Place)>,
+    pub(super) kept: Vec<Carry>,
+}
+
+impl Joins {
+    /// Takes up what the store kept. What does not fit the channels and settings any more is left out, and told.
+    pub(super) fn new(
+        kept: &[Carry],
+        channels: &[RodChannels],
+        settings: &RecordSettings,
+        wait: Duration,
+        health: Arc<Health>,
+    ) -> Self {
+        let tails = Tails::new(*settings);
+        for carry in kept {
+            let found = Tail::decode(&carry.body).filter(|tail| tail.fits(channels, settings));
+            match found {
+                Some(tail) => drop(tails.put(tail)),
+                None => health.fault(
+                    Fault::Recording,
+                    format!(
+                        "rod {}: the samples that its latest file in the watched folder left open come from other channels or record \
+                         settings, or from another version of the program; they are left out",
+                        carry.journal.trim_start_matches(KEPT_UNDER)
+                    ),
+                ),
+            }
+        }
+        Self {
+            tails,
+            wait,
+            channels: channels.to_vec(),
+            health,
+        }
+    }
+
+    /// Lets a file go on with what others left open.
+    pub(super) fn join(&self, recording: &mut Recording) {
+        recording.join(&self.tails);
+    }
+
+    /// Bytes that they take.
+    pub(super) fn held(&self) -> usize {
+        self.tails.held()
+    }
+
+    /// Takes what a file left open at its end, while `others` are read.
+    pub(super) fn left<'a>(
+        &self,
+        recording: &Recording,
+        others: impl Iterator<Item = &'a Lane> + Clone,
+    ) -> Ended {
+        let mut ended = Ended::default();
+        let left = recording.left();
+        for tail in left {
+            let is_read = others.clone().any(|lane| lane.recording.has_begun(&tail.rod));
+            let (kept, over) = match is_read {
+                // Files of one topic side by side: copies, most likely.
+                true => (false, Some(tail.clone())),
+                false => {
+                    let over = self.tails.put(tail.clone());
+                    (over.as_ref().is_none_or(|over| over.to < tail.to), over)
+                }
+            };
+            ended
+                .events
+                .extend(over.iter().flat_map(|tail| self.events(tail)));
+            if kept {
+                ended.kept.push(carry(&tail.rod, tail.encode()));
+            }
+        }
+        let gone = recording
+            .taken()
+            .iter()
+            .filter(|taken| !left.iter().any(|tail| tail.rod == taken.rod));
+        ended.kept.extend(gone.map(|tail| carry(&tail.rod, Vec::new())));
+        ended
+    }
+
+    /// Ends those that have waited long enough.
+    pub(super) fn end_late(&self) -> Ended {
+        self.end(self.tails.remove_if(|_, since| since.elapsed() >= self.wait))
+    }
+
+    /// Changes channels and settings, while the files `begun_again` are begun again: what was cut otherwise ends.
+    pub(super) fn change<'a>(
+        &mut self,
+        begun_again: impl Iterator<Item = &'a Lane>,
+        channels: &[RodChannels],
+        settings: &RecordSettings,
+    ) -> Ended {
+        for tail in begun_again.flat_map(|lane| lane.recording.taken()) {
+            drop(self.tails.put(tail.clone()));
+        }
+        let ended = self.end(self.tails.remove_if(|tail, _| !tail.fits(channels, settings)));
+        let stay = self.tails.remove_if(|_, _| true);
+        self.tails = Tails::new(*settings);
+        for tail in stay {
+            drop(self.tails.put(tail));
+        }
+        channels.clone_into(&mut self.channels);
+        ended
+    }
+
+    fn end(&self, tails: Vec<Tail>) -> Ended {
+        Ended {
+            events: tails.iter().flat_map(|tail| self.events(tail)).collect(),
+            kept: tails.iter().map(|tail| carry(&tail.rod, Vec::new())).collect(),
+        }
+    }
+
+    fn events(&self, tail: &Tail) -> Vec<(Event, Place)> {
+        tail.ended(&self.channels, self.tails.settings())
+            .unwrap_or_else(|| {
+                let detail = format!(
+                    "{}: the samples of rod {} that it left open cannot be read; they are left out",
+                    tail.file, tail.rod
+                );
+                self.health.fault(Fault::Recording, detail);
+                Vec::new()
+            })
+    }
+}
+
+/// Row of the store for a rod's open samples; an empty one is removed.
+fn carry(rod: &RodId, body: Vec<u8>) -> Carry {
+    Carry {
+        journal: format!("{KEPT_UNDER}{rod}"),
+        part: 0,
+        body,
+    }
+}

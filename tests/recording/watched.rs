@@ -1,0 +1,142 @@
+//! Recordings in the watched folder that are cut anywhere: the rows of the whole one, found finished, over kills, and while they grow.
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use crate::packaging::{DEADLINE, Daemon, recorded, replayed, write};
+use crate::site::*;
+use mcap::Message;
+use rand::RngExt;
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::{Duration, Instant};
+use tirante::analysis::numerics::random;
+use tirante::site::store::Reader;
+
+/// A site whose configuration names a folder to watch, its messages, and what a replay of them all gives.
+fn watched(join_s: f64) -> (Site, Vec<Message<'static>>, String) {
+    let (site, messages) = recorded(24, 12.0);
+    let operation = format!(
+        "\n[store]\npath = \"live.db\"\n[ingest]\nfolder = \"in\"\njoin_s = {join_s:?}\n[http]\nlisten = \"off\"\n"
+    );
+    let plain = fs::read_to_string(site.path("site.toml")).unwrap();
+    fs::write(site.path("site.toml"), plain + &operation).unwrap();
+    fs::create_dir(site.path("in")).unwrap();
+    let expected = replayed(&site, &[site.path("whole.mcap")], "whole.db").1;
+    (site, messages, expected)
+}
+
+/// Writes the messages as consecutive files cut at any messages, one of them within a record.
+fn cut(folder: &Path, messages: &[Message<'static>], seed: u64) -> Vec<PathBuf> {
+    let mut rng = random::stream(seed, 2);
+    let mut cuts: Vec<usize> = (0..5).map(|_| rng.random_range(1..messages.len())).collect();
+    cuts.extend([0, messages.len()]);
+    cuts.sort_unstable();
+    cuts.dedup();
+    let write_one = |(number, pair): (usize, &[usize])| {
+        // Their names are in another order than their times.
+        let path = folder.join(format!("{}.mcap", 9 - number));
+        write(&path, messages[pair[0]..pair[1]].iter(), Some(20_000));
+        path
+    };
+    cuts.windows(2).enumerate().map(write_one).collect()
+}
+
+fn start(site: &Site) -> Daemon {
+    let log = File::options()
+        .create(true)
+        .append(true)
+        .open(site.path("daemon.log"))
+        .unwrap();
+    let run = site
+        .command(&["run", "--config", "site.toml"])
+        .stderr(log)
+        .spawn();
+    Daemon(run.unwrap())
+}
+
+/// Waits until the daemon's store has the expected rows.
+fn wait_for_rows(site: &Site, expected: &str) {
+    let until = Instant::now() + DEADLINE;
+    let mut live = String::new();
+    while live != expected {
+        if Instant::now() > until {
+            assert_equal_dumps(expected, &live);
+        }
+        thread::sleep(Duration::from_millis(100));
+        live = Reader::open(&site.path("live.db"))
+            .map_or_else(|_| String::new(), |reader| reader.dump().unwrap());
+    }
+}
+
+fn open_samples(site: &Site) -> usize {
+    let store = Reader::open(&site.path("live.db")).unwrap();
+    store.carries("folder/").unwrap().len()
+}
+
+#[test]
+fn files_cut_anywhere_give_the_rows_of_the_whole() {
+    let (site, messages, expected) = watched(1.0);
+    for seed in 0..3 {
+        cut(&site.path("in"), &messages, seed);
+        let daemon = start(&site);
+        wait_for_rows(&site, &expected);
+        // The last samples have waited in vain, and nothing of them is kept.
+        let until = Instant::now() + DEADLINE;
+        while open_samples(&site) > 0 {
+            assert!(Instant::now() < until);
+            thread::sleep(Duration::from_millis(100));
+        }
+        drop(daemon);
+        for folder in ["in", "."] {
+            for entry in fs::read_dir(site.path(folder)).unwrap() {
+                let path = entry.unwrap().path();
+                let name = path.file_name().unwrap().to_str().unwrap();
+                if folder == "in" || name.starts_with("live.db") {
+                    fs::remove_file(&path).unwrap();
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn kills_between_files_and_within_lose_no_open_sample() {
+    let (site, messages, expected) = watched(20.0);
+    let mut rng = random::stream(7, 3);
+    let paths = cut(&site.path("in"), &messages, 7);
+    // They come one by one, whole, over kills at any moment.
+    let away = paths.iter().map(|path| (path.with_extension("away"), path));
+    let away: Vec<_> = away.collect();
+    away.iter()
+        .for_each(|(away, path)| fs::rename(path, away).unwrap());
+    for (away, path) in &away {
+        fs::rename(away, path).unwrap();
+        for _ in 0..3 {
+            let daemon = start(&site);
+            thread::sleep(Duration::from_millis(rng.random_range(50..1500)));
+            drop(daemon);
+        }
+    }
+    let _daemon = start(&site);
+    wait_for_rows(&site, &expected);
+}
+
+#[test]
+fn growing_files_go_on_where_the_last_one_ended() {
+    let (site, messages, expected) = watched(10.0);
+    let whole = site.path("away");
+    fs::create_dir(&whole).unwrap();
+    let paths = cut(&whole, &messages, 11);
+    let _daemon = start(&site);
+    for path in &paths {
+        let bytes = fs::read(path).unwrap();
+        let mut file = File::create(site.path("in").join(path.file_name().unwrap())).unwrap();
+        // Longer than between two looks into the folder: it is seen while it grows.
+        for piece in bytes.chunks(bytes.len().div_ceil(12)) {
+            file.write_all(piece).unwrap();
+            thread::sleep(Duration::from_millis(200));
+        }
+    }
+    wait_for_rows(&site, &expected);
+}

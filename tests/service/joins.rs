@@ -1,0 +1,191 @@
+//! Open samples between the files of the watched folder: what goes on with them, and when they end.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use crate::common::START;
+use crate::folder::{Run, generation, measured};
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+use tirante::analysis::signal::record::Event;
+use tirante::recording::read::Step;
+use tirante::recording::read::folder::recordings;
+use tirante::recording::read::recordings::Recordings;
+use tirante::service::daemon::reader::{Remembered, Sources};
+use tirante::service::daemon::supervision::Unwatched;
+use tirante::service::telemetry::Fault;
+use tirante::site::driver::Job;
+
+/// Longer than any test.
+const LONG_S: f64 = 3600.0;
+
+fn run(folder: &Path, join_s: f64, remembered: Remembered) -> Run {
+    let sources = Sources {
+        folder: Some(folder.to_owned()),
+        subfolders: false,
+        settle_s: 600.0,
+        join_s,
+        journal: None,
+    };
+    Run::of(sources, remembered, Arc::default(), Box::new(Unwatched))
+}
+
+/// One recording of 65 s, cut into files at these seconds; windows are 10 s.
+fn cut(folder: &Path, at_s: &[f64]) {
+    let whole = measured(0.0, 65.0);
+    let messages: Vec<mcap::Message<'_>> = mcap::MessageStream::new(&whole)
+        .unwrap()
+        .map(|message| message.unwrap())
+        .collect();
+    let start = u64::try_from(START.as_nanos()).unwrap();
+    let second = |message: &mcap::Message<'_>| (message.log_time - start) as f64 * 1e-9;
+    let ends = at_s.iter().copied().chain([f64::MAX]);
+    let mut from = f64::MIN;
+    for (number, to) in ends.enumerate() {
+        let file = fs::File::create(folder.join(format!("{number}.mcap"))).unwrap();
+        let mut writer = mcap::Writer::new(std::io::BufWriter::new(file)).unwrap();
+        let mine = messages
+            .iter()
+            .filter(|message| (from..to).contains(&second(message)));
+        mine.for_each(|message| writer.write(message).unwrap());
+        writer.finish().unwrap();
+        from = to;
+    }
+}
+
+fn identities(run: &Run) -> Vec<[u8; 32]> {
+    run.records.iter().map(|(_, record)| record.identity()).collect()
+}
+
+/// Records of a replay of the folder.
+fn replayed(folder: &Path) -> Vec<[u8; 32]> {
+    let generation = generation(10.0);
+    let channels = generation.config.rods.iter().map(|rod| rod.channels.clone());
+    let read = Recordings::new(
+        recordings(&[folder.to_owned()]),
+        channels.collect(),
+        generation.config.record,
+        false,
+        Arc::default(),
+    );
+    let records = read.filter_map(|step| match step {
+        Step::Event(Event::Record(record), _) => Some(record.identity()),
+        _ => None,
+    });
+    records.collect()
+}
+
+#[test]
+fn a_restart_at_any_job_gives_the_records_of_the_replay() {
+    let folder = tempfile::tempdir().unwrap();
+    cut(folder.path(), &[7.3, 18.1, 33.3, 50.0]);
+    let expected = replayed(folder.path());
+    assert_eq!(expected.len(), 6);
+    let first = run(folder.path(), LONG_S, Remembered::default());
+    let mut jobs = Vec::new();
+    while let Ok(job) = first.jobs.recv_timeout(Duration::from_millis(1500)) {
+        jobs.push(job);
+    }
+    first.reader.stop();
+    for killed_after in 0..=jobs.len() {
+        let mut first = run(folder.path(), LONG_S, Remembered::default());
+        for _ in 0..killed_after {
+            let job = first.jobs.recv_timeout(Duration::from_secs(30)).unwrap();
+            first.take(job);
+        }
+        let (mut found, remembered) = (identities(&first), first.remembered.clone());
+        first.reader.stop();
+        let mut second = run(folder.path(), LONG_S, remembered);
+        second.until("the rest", |second| second.remembered.files.len() == 5);
+        for identity in identities(&second) {
+            if !found.contains(&identity) {
+                found.push(identity);
+            }
+        }
+        assert_eq!(found, expected, "killed after job {killed_after}");
+        assert_eq!(second.health.count(Fault::Recording), 0);
+        second.reader.stop();
+    }
+}
+
+/// Kinds of the jobs until there is none for a while.
+fn told(run: &mut Run) -> Vec<String> {
+    let mut told = Vec::new();
+    while let Ok(job) = run.jobs.recv_timeout(Duration::from_millis(2500)) {
+        told.extend(match &job {
+            Job::Event { event, .. } => match event {
+                Event::Record(record) => Some(format!("record {:.0}", record.start.seconds_since(START))),
+                Event::Rejected { rejection, .. } => Some(rejection.code().to_owned()),
+                _ => Some("other".to_owned()),
+            },
+            Job::File { mark, .. } => mark.as_ref().map(|mark| mark.name.clone()),
+            Job::Carry(carry) => Some(format!("{} {}", carry[0].journal, carry[0].body.len())),
+            Job::Reload(_) => Some("reload".to_owned()),
+            _ => None,
+        });
+        run.take(job);
+    }
+    told
+}
+
+#[test]
+fn what_nothing_goes_on_with_ends_by_itself_and_what_comes_later_begins_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("a.mcap"), measured(0.0, 15.0)).unwrap();
+    let mut run = run(folder.path(), 1.0, Remembered::default());
+    let ended = told(&mut run);
+    assert_eq!(ended, ["record 0", "a.mcap", "too-short", "folder/laser 0"]);
+    assert!(run.remembered.open.is_empty());
+    // Without a gap, but too late.
+    fs::write(folder.path().join("b.mcap"), measured(15.0, 15.0)).unwrap();
+    assert_eq!(
+        told(&mut run),
+        ["record 15", "b.mcap", "too-short", "folder/laser 0"]
+    );
+}
+
+#[test]
+fn a_copy_and_an_older_file_take_nothing_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, after, length| {
+        fs::write(folder.path().join(name), measured(after, length)).unwrap();
+    };
+    write("a.mcap", 100.0, 15.0);
+    let mut run = run(folder.path(), LONG_S, Remembered::default());
+    assert_eq!(told(&mut run), ["record 100", "a.mcap"]);
+    // The older one ends with its file, the copy replaces what it copies, and the last one goes on.
+    write("older.mcap", 50.0, 15.0);
+    assert_eq!(told(&mut run), ["record 50", "too-short", "older.mcap"]);
+    write("copy.mcap", 100.0, 15.0);
+    assert_eq!(told(&mut run), ["record 100", "too-short", "copy.mcap"]);
+    let kept = run.remembered.open.clone();
+    assert_eq!(kept.len(), 1);
+    write("b.mcap", 115.0, 15.0);
+    assert_eq!(told(&mut run), ["record 110", "b.mcap"]);
+    // A gap ends the record as in one file.
+    write("c.mcap", 200.0, 15.0);
+    assert_eq!(told(&mut run), ["record 120", "record 200", "c.mcap"]);
+}
+
+#[test]
+fn another_cut_ends_what_is_open_before_it_holds() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("a.mcap"), measured(0.0, 15.0)).unwrap();
+    let mut first = run(folder.path(), LONG_S, Remembered::default());
+    assert_eq!(told(&mut first), ["record 0", "a.mcap"]);
+    let remembered = first.remembered.clone();
+    first.reader.reload(generation(10.0));
+    assert_eq!(told(&mut first), ["reload"]);
+    first.reader.reload(generation(12.0));
+    assert_eq!(told(&mut first), ["too-short", "folder/laser 0", "reload"]);
+    first.reader.stop();
+
+    // What a store of before holds, and what cannot be read, is told and left out.
+    let mut torn = remembered.clone();
+    torn.open[0].body[0] ^= 1;
+    let mut second = run(folder.path(), LONG_S, torn);
+    assert_eq!(told(&mut second), [String::new(); 0]);
+    assert_eq!(second.health.count(Fault::Recording), 1);
+    fs::write(folder.path().join("b.mcap"), measured(15.0, 15.0)).unwrap();
+    assert_eq!(told(&mut second), ["record 15", "b.mcap"]);
+}

@@ -184,7 +184,7 @@ fn another_cut_ends_what_is_open_before_it_holds() {
     let mut torn = remembered.clone();
     torn.open[0].body[0] ^= 1;
     let mut second = run(folder.path(), LONG_S, torn);
-    assert_eq!(told(&mut second), [String::new(); 0]);
+    assert!(told(&mut second).is_empty());
     assert_eq!(second.health.count(Fault::Recording), 1);
     fs::write(folder.path().join("b.mcap"), measured(15.0, 15.0)).unwrap();
     assert_eq!(told(&mut second), ["record 15", "b.mcap"]);

@@ -229,9 +229,9 @@ pub fn run(
             plans: Arc::clone(plans),
             load: None,
         }),
-        Step::File(result) => Some(Job::File {
-            mark: None,
-            result,
+        Step::File(result) => Some(Job::Files {
+            marks: Vec::new(),
+            results: vec![result],
             carry: Vec::new(),
         }),
         Step::More | Step::Wait | Step::End => None,
@@ -317,15 +317,16 @@ impl<F: OnEvent> Delivery<'_, F> {
     fn done(&mut self, done: Done) -> ControlFlow<()> {
         let (analysed, place) = match done {
             Done::Event(analysed, place) => (analysed, place),
-            Done::Job(Job::File {
-                result: Err(error @ SourceError::Io { .. }),
-                ..
-            }) if self.needs_all => {
-                self.failure = Some(error.into());
-                return ControlFlow::Break(());
-            }
-            Done::Job(Job::File { result, .. }) => {
-                self.tally.file(&result, self.is_meant, self.bar);
+            Done::Job(Job::Files { results, .. }) => {
+                for result in results {
+                    match result {
+                        Err(error @ SourceError::Io { .. }) if self.needs_all => {
+                            self.failure = Some(error.into());
+                            return ControlFlow::Break(());
+                        }
+                        result => self.tally.file(&result, self.is_meant, self.bar),
+                    }
+                }
                 return ControlFlow::Continue(());
             }
             Done::Job(_) => return ControlFlow::Continue(()),

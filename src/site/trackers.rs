@@ -65,11 +65,11 @@ fn keeps_snapshot(before: Option<Timestamp>, start: Timestamp) -> bool {
 /// State of a daemon besides records.
 #[derive(Debug, Clone, Copy)]
 pub enum Note<'a> {
-    /// A file was read to its end.
-    File {
-        /// Mark of the file; `None` for one that may still grow.
-        mark: Option<&'a FileMark>,
-        /// Open samples that it leaves for the next part or file.
+    /// Files were read to their ends.
+    Files {
+        /// Their marks.
+        marks: &'a [FileMark],
+        /// Open samples that they leave for the next part or file.
         carry: &'a [Carry],
     },
     /// A sink has all events up to a number.
@@ -488,8 +488,8 @@ impl Site {
     /// The store refuses: nothing of it was kept.
     pub fn note(&mut self, note: Note<'_>) -> Result<(), StoreError> {
         let commit = match note {
-            Note::File { mark, carry } => Commit {
-                file: mark,
+            Note::Files { marks, carry } => Commit {
+                files: marks,
                 carry,
                 ..Commit::default()
             },

@@ -131,9 +131,14 @@ fn wait_until(site: &Site, what: &str, mut is_so: impl FnMut(&Reader) -> bool) {
 }
 
 fn wait_for_files(site: &Site, count: usize) {
-    wait_until(site, "all files are read", |reader| {
-        reader.files().is_ok_and(|files| files.len() == count)
-    });
+    wait_until(
+        site,
+        "all files are read, and nothing goes on with the last",
+        |reader| {
+            let is_read = reader.files().is_ok_and(|files| files.len() == count);
+            is_read && reader.carries("folder/").is_ok_and(|open| open.is_empty())
+        },
+    );
 }
 
 fn records(reader: &Reader) -> i64 {

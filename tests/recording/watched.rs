@@ -1,7 +1,7 @@
 //! Recordings in the watched folder that are cut anywhere: the rows of the whole one, found finished, over kills, and while they grow.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
-use crate::packaging::{DEADLINE, Daemon, recorded, replayed, write};
+use crate::packaging::{DEADLINE, Daemon, packaged, recorded, replayed, write};
 use crate::site::*;
 use mcap::Message;
 use rand::RngExt;
@@ -56,11 +56,12 @@ fn start(site: &Site) -> Daemon {
 }
 
 /// Waits until the daemon's store has the expected rows.
-fn wait_for_rows(site: &Site, expected: &str) {
+fn wait_for_rows(site: &Site, expected: &str, what: &str) {
     let until = Instant::now() + DEADLINE;
     let mut live = String::new();
     while live != expected {
         if Instant::now() > until {
+            eprintln!("{what}");
             assert_equal_dumps(expected, &live);
         }
         thread::sleep(Duration::from_millis(100));
@@ -80,7 +81,7 @@ fn files_cut_anywhere_give_the_rows_of_the_whole() {
     for seed in 0..3 {
         cut(&site.path("in"), &messages, seed);
         let daemon = start(&site);
-        wait_for_rows(&site, &expected);
+        wait_for_rows(&site, &expected, &format!("seed {seed}"));
         // The last samples have waited in vain, and nothing of them is kept.
         let until = Instant::now() + DEADLINE;
         while open_samples(&site) > 0 {
@@ -88,15 +89,45 @@ fn files_cut_anywhere_give_the_rows_of_the_whole() {
             thread::sleep(Duration::from_millis(100));
         }
         drop(daemon);
-        for folder in ["in", "."] {
-            for entry in fs::read_dir(site.path(folder)).unwrap() {
-                let path = entry.unwrap().path();
-                let name = path.file_name().unwrap().to_str().unwrap();
-                if folder == "in" || name.starts_with("live.db") {
-                    fs::remove_file(&path).unwrap();
-                }
-            }
+        fs::remove_dir_all(site.path("in")).unwrap();
+        fs::create_dir(site.path("in")).unwrap();
+        forget(&site);
+    }
+}
+
+/// Removes what a daemon kept.
+fn forget(site: &Site) {
+    for entry in fs::read_dir(site.path(".")).unwrap() {
+        let path = entry.unwrap().path();
+        if path
+            .file_name()
+            .is_some_and(|name| name.to_string_lossy().starts_with("live.db"))
+        {
+            fs::remove_file(&path).unwrap();
         }
+    }
+}
+
+#[test]
+fn files_by_topics_and_times_give_the_rows_of_the_whole() {
+    in_any_packaging(0..3);
+}
+
+#[test]
+#[ignore = "a campaign of some ten minutes"]
+fn a_hundred_packagings_give_the_rows_of_the_whole() {
+    in_any_packaging(100..200);
+}
+
+fn in_any_packaging(seeds: std::ops::Range<u64>) {
+    let (site, messages, expected) = watched(1.0);
+    for seed in seeds {
+        fs::remove_dir_all(site.path("in")).unwrap();
+        packaged(&site.path("in"), &messages, seed);
+        let daemon = start(&site);
+        wait_for_rows(&site, &expected, &format!("seed {seed}"));
+        drop(daemon);
+        forget(&site);
     }
 }
 
@@ -119,7 +150,7 @@ fn kills_between_files_and_within_lose_no_open_sample() {
         }
     }
     let _daemon = start(&site);
-    wait_for_rows(&site, &expected);
+    wait_for_rows(&site, &expected, "at the end");
 }
 
 #[test]
@@ -138,5 +169,5 @@ fn growing_files_go_on_where_the_last_one_ended() {
             thread::sleep(Duration::from_millis(200));
         }
     }
-    wait_for_rows(&site, &expected);
+    wait_for_rows(&site, &expected, "at the end");
 }

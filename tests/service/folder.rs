@@ -168,13 +168,12 @@ impl Run {
                 place,
                 ..
             } => self.records.push((place.origin.to_string(), record)),
-            Job::File { mark, carry, .. } => {
-                if let Some(mark) = mark {
+            Job::Files { marks, carry, .. } => {
+                for mark in marks {
                     self.remembered.files.insert(mark.name.clone(), mark);
                 }
                 self.keep(carry);
             }
-            Job::Carry(carry) => self.keep(carry),
             Job::Event {
                 event: Event::Rejected { rejection, .. },
                 ..
@@ -597,7 +596,7 @@ fn stops_at_once_with_a_full_queue_and_finishes_nothing() {
     let rest = run
         .jobs
         .iter()
-        .filter(|job| matches!(job, Job::File { .. }))
+        .filter(|job| matches!(job, Job::Files { .. }))
         .count();
     assert_eq!(rest, 0);
 }

@@ -1,7 +1,7 @@
 //! Open samples between the files of the watched folder: what goes on with them, and when they end.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use crate::common::START;
+use crate::common::{FS, START, motion, spec};
 use crate::folder::{Run, generation, measured};
 use std::fs;
 use std::path::Path;
@@ -11,6 +11,7 @@ use tirante::analysis::signal::record::Event;
 use tirante::recording::read::Step;
 use tirante::recording::read::folder::recordings;
 use tirante::recording::read::recordings::Recordings;
+use tirante::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
 use tirante::service::daemon::reader::{Remembered, Sources};
 use tirante::service::daemon::supervision::Unwatched;
 use tirante::service::telemetry::Fault;
@@ -75,28 +76,71 @@ fn replayed(folder: &Path) -> Vec<[u8; 32]> {
     records.collect()
 }
 
+/// Writes a file of another topic beside the others, from second 5 to 40.
+fn beside(folder: &Path) {
+    let mut writer = RecordingWriter::new(
+        fs::File::create(folder.join("beside.mcap")).unwrap(),
+        WriterOptions::default(),
+    )
+    .unwrap();
+    let id = writer
+        .add_channel(spec("/beside", Encoding::Json, Layout::Batch(50)))
+        .unwrap();
+    let samples = motion((35.0 * FS) as usize);
+    writer
+        .write_samples(id, START.plus_seconds(5.0), FS, &samples)
+        .unwrap();
+    writer.finish().unwrap();
+}
+
 #[test]
 fn a_restart_at_any_job_gives_the_records_of_the_replay() {
     let folder = tempfile::tempdir().unwrap();
     cut(folder.path(), &[7.3, 18.1, 33.3, 50.0]);
-    let expected = replayed(folder.path());
+    restarted(folder.path(), 5);
+}
+
+#[test]
+fn files_side_by_side_are_done_together_over_a_restart_at_any_job() {
+    let folder = tempfile::tempdir().unwrap();
+    cut(folder.path(), &[7.3, 18.1, 33.3, 50.0]);
+    beside(folder.path());
+    let mut run = run(folder.path(), LONG_S, Remembered::default());
+    let expected = [
+        "record 0",
+        "record 10",
+        "record 20",
+        "record 30",
+        "0.mcap 1.mcap 2.mcap beside.mcap 3.mcap",
+        "record 40",
+        "record 50",
+        "4.mcap",
+    ];
+    assert_eq!(told(&mut run), expected);
+    run.reader.stop();
+    restarted(folder.path(), 6);
+}
+
+/// Restarts the reader after every number of jobs.
+fn restarted(folder: &Path, files: usize) {
+    let expected = replayed(folder);
     assert_eq!(expected.len(), 6);
-    let first = run(folder.path(), LONG_S, Remembered::default());
+    let first = run(folder, LONG_S, Remembered::default());
     let mut jobs = Vec::new();
     while let Ok(job) = first.jobs.recv_timeout(Duration::from_millis(1500)) {
         jobs.push(job);
     }
     first.reader.stop();
     for killed_after in 0..=jobs.len() {
-        let mut first = run(folder.path(), LONG_S, Remembered::default());
+        let mut first = run(folder, LONG_S, Remembered::default());
         for _ in 0..killed_after {
             let job = first.jobs.recv_timeout(Duration::from_secs(30)).unwrap();
             first.take(job);
         }
         let (mut found, remembered) = (identities(&first), first.remembered.clone());
         first.reader.stop();
-        let mut second = run(folder.path(), LONG_S, remembered);
-        second.until("the rest", |second| second.remembered.files.len() == 5);
+        let mut second = run(folder, LONG_S, remembered);
+        second.until("the rest", |second| second.remembered.files.len() == files);
         for identity in identities(&second) {
             if !found.contains(&identity) {
                 found.push(identity);
@@ -118,8 +162,11 @@ fn told(run: &mut Run) -> Vec<String> {
                 Event::Rejected { rejection, .. } => Some(rejection.code().to_owned()),
                 _ => Some("other".to_owned()),
             },
-            Job::File { mark, .. } => mark.as_ref().map(|mark| mark.name.clone()),
-            Job::Carry(carry) => Some(format!("{} {}", carry[0].journal, carry[0].body.len())),
+            Job::Files { marks, .. } if !marks.is_empty() => {
+                let names: Vec<&str> = marks.iter().map(|mark| mark.name.as_str()).collect();
+                Some(names.join(" "))
+            }
+            Job::Files { carry, .. } => Some(format!("{} {}", carry[0].journal, carry[0].body.len())),
             Job::Reload(_) => Some("reload".to_owned()),
             _ => None,
         });

@@ -110,7 +110,7 @@ impl Default for IngestSettings {
             folder: None,
             subfolders: false,
             settle_s: 600.0,
-            join_s: 10.0,
+            join_s: 2.0,
             listen: Vec::new(),
             tls: None,
             clients: 64,

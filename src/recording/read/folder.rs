@@ -97,7 +97,11 @@ pub(super) fn span_at(path: &Path) -> Option<Span> {
     if !fs::metadata(path).ok()?.is_file() {
         return None;
     }
-    let mut file = File::open(path).ok()?;
+    span_in(&File::open(path).ok()?)
+}
+
+/// The same of an open file.
+pub fn span_in(mut file: &File) -> Option<Span> {
     let mut end = [0u8; 37];
     let footer_at = file.seek(SeekFrom::End(-37)).ok()?;
     file.read_exact(&mut end).ok()?;

@@ -310,7 +310,7 @@ impl Recording {
     }
 
     /// Name, number of bytes read and number of records returned.
-    pub(super) fn counts(&self) -> (Arc<str>, u64, u64) {
+    pub fn counts(&self) -> (Arc<str>, u64, u64) {
         (Arc::clone(&self.name), self.read, self.records)
     }
 
@@ -345,9 +345,14 @@ impl Recording {
         matches!(self.stage, Stage::Given(_))
     }
 
+    /// True if events of it wait to be taken.
+    pub fn is_ready(&self) -> bool {
+        !self.queue.is_empty()
+    }
+
     /// Log time up to which its messages were passed on \[ns\]; `None` before the first, and where they have
     /// none.
-    pub(super) fn front(&self) -> Option<u64> {
+    pub fn front(&self) -> Option<u64> {
         self.router.front()
     }
 
@@ -453,7 +458,7 @@ impl Recording {
         if self.is_joined {
             self.router.end_file(cut_short, lost.as_deref());
             self.router.events(&mut self.queue);
-        } else if self.router.is_joined() && !cut_short {
+        } else if self.router.leaves_open() && !cut_short {
             self.router.leave(&mut self.queue);
             let records: u64 = self.queue.iter().map(Timed::records).sum();
             let place = (Arc::clone(&self.name), self.read, self.records + records);

@@ -8,6 +8,7 @@
 use super::folder::{Span, first_time_at, span_at};
 use super::route::{Rod, Router};
 use super::source::{Source, Step};
+use super::stream::{Stream, turn};
 use super::{Follow, Options, Parts, Recording, Series, SourceError, Summary};
 use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::part;
@@ -19,9 +20,6 @@ use std::time::Duration;
 
 /// Pause before a growing recording is read again.
 const FOLLOW_POLL: Duration = Duration::from_millis(200);
-/// Largest overlap of consecutive files of one series \[ns\]: messages at the seam come out of order.
-pub(super) const SEAM_NS: u64 = 1_000_000_000;
-
 /// Opens files of any format.
 pub trait Opener: Send {
     /// Opens one.
@@ -53,13 +51,11 @@ struct Lane {
     series: usize,
 }
 
-/// Files that form one stream.
-struct Stream {
-    rods: Vec<Rod>,
+/// A stream with the files that are still to be read.
+struct Planned {
+    stream: Stream,
     /// Number of files not yet read.
     left: usize,
-    /// Time spans and topics that later files may share.
-    spans: Vec<Span>,
     /// True if other files may join it.
     is_open: bool,
 }
@@ -68,7 +64,7 @@ struct Stream {
 /// that continue in another file come later.
 pub struct Recordings {
     lanes: Vec<Lane>,
-    streams: Vec<Stream>,
+    streams: Vec<Planned>,
     channels: Vec<RodChannels>,
     settings: RecordSettings,
     options: Options,
@@ -163,36 +159,21 @@ impl Recordings {
         let found = span.as_ref().and_then(|span| {
             self.streams
                 .iter_mut()
-                .position(|stream| stream.is_open && stream.takes(span))
+                .position(|planned| planned.is_open && planned.stream.takes(span))
         });
         let at = found.unwrap_or_else(|| {
-            self.streams.push(Stream {
-                rods: Router::new(&self.channels, &self.settings).rods,
+            self.streams.push(Planned {
+                stream: Stream::new(&self.channels, &self.settings),
                 left: 0,
-                spans: Vec::new(),
                 is_open: span.is_some(),
             });
             self.streams.len() - 1
         });
         self.streams[at].left += 1;
-        self.streams[at].spans.extend(span);
+        if let Some(span) = span {
+            self.streams[at].stream.add(span);
+        }
         at
-    }
-
-    /// The lane that is furthest behind, and the log time up to which it may read before another has its
-    /// turn.
-    fn turn(&self) -> Option<(usize, u64)> {
-        let fronts = self.lanes.iter().enumerate();
-        let (at, _) = fronts.min_by_key(|(at, lane)| (lane.front, *at))?;
-        let of_others = self.lanes.iter().enumerate().filter(|(other, _)| *other != at);
-        let limit = of_others.map(|(other, lane)| {
-            if other < at {
-                lane.front.saturating_sub(1)
-            } else {
-                lane.front
-            }
-        });
-        Some((at, limit.min().unwrap_or(u64::MAX)))
     }
 
     /// Takes one step of the lane whose turn it is.
@@ -232,15 +213,13 @@ impl Recordings {
                 }
             }
             Input::File(recording) => {
-                let stream = &mut self.streams[lane.series];
+                let planned = &mut self.streams[lane.series];
                 // Samples that are no messages take turns only where another file may belong to them.
-                let limit = match stream.is_open || !recording.is_given() {
+                let limit = match planned.is_open || !recording.is_given() {
                     true => limit,
                     false => u64::MAX,
                 };
-                recording.swap_rods(&mut stream.rods);
-                let polled = recording.poll_up_to(limit);
-                recording.swap_rods(&mut stream.rods);
+                let polled = planned.stream.poll(recording, limit);
                 lane.front = recording.front().unwrap_or(lane.front).max(lane.front);
                 let (_, bytes, _) = recording.counts();
                 self.done.store(self.bytes_of_closed + bytes, Ordering::Relaxed);
@@ -268,14 +247,14 @@ impl Recordings {
     /// Closes a lane at its end; after the last lane of a series its records end.
     fn close(&mut self, at: usize, (file, bytes, mut records): (Arc<str>, u64, u64)) {
         let series = self.lanes.remove(at).series;
-        let stream = &mut self.streams[series];
-        stream.left -= 1;
-        if stream.left > 0 {
+        let planned = &mut self.streams[series];
+        planned.left -= 1;
+        if planned.left > 0 {
             return;
         }
-        let rods = std::mem::take(&mut stream.rods);
+        let rods = std::mem::take(&mut planned.stream.rods);
         let is_elsewhere = |rod: &Rod| {
-            let others = self.streams.iter().flat_map(|stream| &stream.rods);
+            let others = self.streams.iter().flat_map(|planned| &planned.stream.rods);
             others
                 .filter(|other| other.config.rod == rod.config.rod)
                 .any(|other| other.is_followed)
@@ -295,19 +274,6 @@ impl Recordings {
             let (event, place) = timed.at_place(Arc::clone(&file), bytes, records);
             self.ready.push_back(Step::Event(event, place));
         }
-    }
-}
-
-impl Stream {
-    /// True if a file can join this stream. Files come in the order of their first messages.
-    fn takes(&mut self, span: &Span) -> bool {
-        self.spans
-            .retain(|known| known.to > span.from.saturating_add(SEAM_NS));
-        // One that ends before another one that began earlier goes beside it, not behind.
-        !self
-            .spans
-            .iter()
-            .any(|known| !known.topics.is_disjoint(&span.topics))
     }
 }
 
@@ -339,7 +305,8 @@ impl Iterator for Recordings {
             if let Some(step) = self.ready.pop_front() {
                 return Some(step);
             }
-            let (at, limit) = self.turn()?;
+            let fronts: Vec<u64> = self.lanes.iter().map(|lane| lane.front).collect();
+            let (at, limit) = turn(&fronts)?;
             self.step(at, limit);
         }
     }

@@ -62,7 +62,7 @@ pub(super) struct Router {
     /// Contents of the file per rod.
     counts: Vec<Count>,
     /// True if a record ends with its file.
-    ends_with_file: bool,
+    pub(super) ends_with_file: bool,
     /// True if a fault of the message that is read in pieces is counted.
     is_faulty: bool,
     ahead: Ahead,

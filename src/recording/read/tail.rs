@@ -1,8 +1,8 @@
 //! Open samples at the end of a file, from which the file that goes on there begins.
 
 use super::carry::cut_by;
-use super::recordings::SEAM_NS;
 use super::route::{Files, Rod, Router};
+use super::stream::SEAM_NS;
 use super::{Event, Place};
 use crate::analysis::signal::record::{Assembler, RecordSettings, RodChannels, RodId, Timestamp};
 use serde::{Deserialize, Serialize};

@@ -210,9 +210,9 @@ impl Core {
                         has_news |= !taken.verdict.events.is_empty();
                     }
                 },
-                Done::Job(Job::File { mark, result, .. }) => {
-                    self.report(result);
-                    if let Some(mark) = mark {
+                Done::Job(Job::Files { marks, results, .. }) => {
+                    results.iter().for_each(|result| self.report(result));
+                    for mark in marks {
                         (self.notify)(Notice::File(mark));
                     }
                 }
@@ -466,13 +466,9 @@ impl Core {
 fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<Taken>, StoreError> {
     match done {
         Done::Event(analysed, place) => return site.take_event(analysed, Some(place.position()), before),
-        Done::Job(Job::File { mark, carry, .. }) if mark.is_some() || !carry.is_empty() => {
-            site.note(Note::File {
-                mark: mark.as_ref(),
-                carry,
-            })?;
+        Done::Job(Job::Files { marks, carry, .. }) if !marks.is_empty() || !carry.is_empty() => {
+            site.note(Note::Files { marks, carry })?;
         }
-        Done::Job(Job::Carry(carry)) => site.note(Note::File { mark: None, carry })?,
         Done::Job(Job::Delivered { sink, through }) => {
             let through = *through;
             site.note(Note::Delivered { sink, through })?;

@@ -363,14 +363,14 @@ impl Work {
             Step::Wait | Step::End => return Ok(false),
             Step::More => {}
             Step::Event(event, place) => self.send_event(event, place)?,
-            Step::File(FolderEnd { file, kept: carry }) => self.send(match file {
-                None => Job::Carry(carry),
-                Some((mark, result)) => Job::File {
-                    mark: Some(mark),
-                    result,
-                    carry,
-                },
-            })?,
+            Step::File(FolderEnd { files, kept }) => {
+                let (marks, results) = files.into_iter().unzip();
+                self.send(Job::Files {
+                    marks,
+                    results,
+                    carry: kept,
+                })?;
+            }
         }
         Ok(true)
     }
@@ -438,9 +438,9 @@ impl Work {
             modified_ns: end.modified_ns,
             state: quarantined.map_or(read, FileState::Quarantined),
         };
-        self.send(Job::File {
-            mark: Some(mark),
-            result: end.result,
+        self.send(Job::Files {
+            marks: vec![mark],
+            results: vec![end.result],
             carry: carry.into_iter().collect(),
         })?;
         match waiting {

@@ -67,7 +67,7 @@ impl Held {
                     self.forget_silent(now);
                     self.release(&mut going);
                 }
-                Done::Job(job @ (Job::File { .. } | Job::Carry(_))) => {
+                Done::Job(job @ Job::Files { .. }) => {
                     self.files.push_back((self.next, Done::Job(job)));
                     self.release(&mut going);
                 }
@@ -157,9 +157,9 @@ mod tests {
     }
 
     fn file() -> Done {
-        Done::Job(Job::File {
-            mark: None,
-            result: Ok(Summary::default()),
+        Done::Job(Job::Files {
+            marks: Vec::new(),
+            results: vec![Ok(Summary::default())],
             carry: Vec::new(),
         })
     }
@@ -167,7 +167,7 @@ mod tests {
     fn names(going: &[Done]) -> Vec<String> {
         let name = |done: &Done| match done {
             Done::Event(analysed, _) => analysed.rod().to_string(),
-            Done::Job(Job::File { .. }) => "file".to_owned(),
+            Done::Job(Job::Files { .. }) => "file".to_owned(),
             Done::Job(_) => "job".to_owned(),
         };
         going.iter().map(name).collect()

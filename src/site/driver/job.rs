@@ -68,17 +68,15 @@ pub enum Job {
         /// bounded.
         load: Option<Load>,
     },
-    /// A file was read to its end: all its events came before.
-    File {
-        /// Mark to store; `None` for a file that may still grow.
-        mark: Option<FileMark>,
-        /// Summary of the file, or the error that prevented reading.
-        result: FileResult,
-        /// Open samples that it leaves for the next part or file.
+    /// Files were read to their ends: all their events came before.
+    Files {
+        /// Marks to store; none for a file that may still grow.
+        marks: Vec<FileMark>,
+        /// Summaries of the files, or the errors that prevented reading.
+        results: Vec<FileResult>,
+        /// Open samples that they leave for the next part or file, or that are left no more.
         carry: Vec<Carry>,
     },
-    /// Open samples of files that changed since their end: all their events came before.
-    Carry(Vec<Carry>),
     /// A new configuration is in force from here on.
     Reload(Arc<Generation>),
     /// A sink has all events up to this number.

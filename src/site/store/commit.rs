@@ -32,8 +32,8 @@ pub struct Commit<'a> {
     pub applied: Option<i64>,
     /// Position reached in its source.
     pub source: Option<Position<'a>>,
-    /// Mark of a file read to its end.
-    pub file: Option<&'a FileMark>,
+    /// Marks of files read to their ends.
+    pub files: &'a [FileMark],
     /// Open samples that a part or a file leaves for the next.
     pub carry: &'a [Carry],
     /// A sink, and the number of the latest event delivered to it.
@@ -122,7 +122,7 @@ impl Commit<'_> {
                 .with("records", count(position.records))
                 .upsert(connection, &["name"])?;
         }
-        if let Some(file) = self.file {
+        for file in self.files {
             write_file(connection, file)?;
         }
         for carry in self.carry {

@@ -652,9 +652,10 @@ impl Fleet {
     pub fn wait_until_read(&mut self, place: usize, count: usize) {
         let store = self.edges[place].site.path("site.db");
         self.wait("all files are read", |_| {
-            Reader::open(&store)
-                .and_then(|reader| reader.files())
-                .is_ok_and(|files| files.len() == count)
+            Reader::open(&store).is_ok_and(|reader| {
+                let is_read = reader.files().is_ok_and(|files| files.len() == count);
+                is_read && reader.carries("folder/").is_ok_and(|open| open.is_empty())
+            })
         });
     }
 

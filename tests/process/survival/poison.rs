@@ -10,6 +10,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 use tirante::analysis::signal::record::{Timestamp, Unit};
 use tirante::recording::write::{ChannelSpec, Encoding, Layout, Precision, RecordingWriter, WriterOptions};
+use tirante::site::store::Reader;
 
 /// Memory limit above that of a daemon with harmless input \[kB\].
 const MORE_KB: u64 = 24 << 10;
@@ -46,7 +47,7 @@ fn a_recording_the_program_dies_of_is_set_aside_and_the_rest_goes_on() {
     fs::write(campaign.path("coming"), &Material::long().data.files[3]).unwrap();
     fs::rename(campaign.path("coming"), campaign.path("archive/later.mcap")).unwrap();
     let mut deaths = 0;
-    let daemon = loop {
+    let mut daemon = loop {
         let mut daemon = Process::with(campaign.folder.path(), &["prlimit", &limit], &VARIABLES);
         let goes_on = daemon.becomes(|log| log.contains("later.mcap is read"));
         if goes_on {
@@ -81,6 +82,10 @@ fn a_recording_the_program_dies_of_is_set_aside_and_the_rest_goes_on() {
         [("later.mcap".to_owned(), "done".to_owned())]
     );
     let losses = outcomes(&["--losses"]);
+    daemon.wait_until("nothing goes on with the last record", |_| {
+        let reader = Reader::open(&campaign.path("state/site.db"));
+        reader.is_ok_and(|reader| reader.carries("folder/").is_ok_and(|open| open.is_empty()))
+    });
     let is_lost = ("huge.mcap".to_owned(), "quarantined".to_owned());
     let store = rusqlite::Connection::open(campaign.path("state/site.db")).unwrap();
     let count = |of: &str| -> usize {

@@ -13,7 +13,7 @@ impl Router {
     }
 
     /// True if its rods leave open samples at the end.
-    pub fn is_joined(&self) -> bool {
+    pub fn leaves_open(&self) -> bool {
         self.tails.is_some()
     }
 

@@ -1,6 +1,5 @@
 //! Open samples at the ends of the folder's files: they wait a while for the file that goes on there.
 
-use super::lane::Lane;
 use crate::analysis::signal::record::{Event, RecordSettings, RodChannels, RodId};
 use crate::recording::read::{Place, Recording, Tail, Tails};
 use crate::service::telemetry::{Fault, Health};
@@ -69,23 +68,28 @@ impl Joins {
         self.tails.held()
     }
 
-    /// Takes what a file left open at its end, while `others` are read.
-    pub(super) fn left<'a>(
-        &self,
-        recording: &Recording,
-        others: impl Iterator<Item = &'a Lane> + Clone,
-    ) -> Ended {
+    /// What files share who go on with each other.
+    pub(super) fn tails(&self) -> &Tails {
+        &self.tails
+    }
+
+    /// Takes back what files had gone on with that are begun again.
+    pub(super) fn give_back<'a>(&self, taken: impl Iterator<Item = &'a Tail>) {
+        for tail in taken {
+            drop(self.tails.put(tail.clone()));
+        }
+    }
+
+    /// Takes what files left open at their end, and had `taken` before; `is_in_use` says which rods' samples are being read.
+    pub(super) fn left(&self, left: &[Tail], taken: &[Tail], is_in_use: impl Fn(&RodId) -> bool) -> Ended {
         let mut ended = Ended::default();
-        let left = recording.left();
         for tail in left {
-            let is_read = others.clone().any(|lane| lane.recording.has_begun(&tail.rod));
-            let (kept, over) = match is_read {
+            let (kept, over) = if is_in_use(&tail.rod) {
                 // Files of one topic side by side: copies, most likely.
-                true => (false, Some(tail.clone())),
-                false => {
-                    let over = self.tails.put(tail.clone());
-                    (over.as_ref().is_none_or(|over| over.to < tail.to), over)
-                }
+                (false, Some(tail.clone()))
+            } else {
+                let over = self.tails.put(tail.clone());
+                (over.as_ref().is_none_or(|over| over.to < tail.to), over)
             };
             ended
                 .events
@@ -94,10 +98,8 @@ impl Joins {
                 ended.kept.push(carry(&tail.rod, tail.encode()));
             }
         }
-        let gone = recording
-            .taken()
-            .iter()
-            .filter(|taken| !left.iter().any(|tail| tail.rod == taken.rod));
+        let stays = |taken: &&Tail| !left.iter().any(|tail| tail.rod == taken.rod);
+        let gone = taken.iter().filter(stays);
         ended.kept.extend(gone.map(|tail| carry(&tail.rod, Vec::new())));
         ended
     }
@@ -107,16 +109,8 @@ impl Joins {
         self.end(self.tails.remove_if(|_, since| since.elapsed() >= self.wait))
     }
 
-    /// Changes channels and settings, while the files `begun_again` are begun again: what was cut otherwise ends.
-    pub(super) fn change<'a>(
-        &mut self,
-        begun_again: impl Iterator<Item = &'a Lane>,
-        channels: &[RodChannels],
-        settings: &RecordSettings,
-    ) -> Ended {
-        for tail in begun_again.flat_map(|lane| lane.recording.taken()) {
-            drop(self.tails.put(tail.clone()));
-        }
+    /// Changes channels and settings: what was cut otherwise ends.
+    pub(super) fn change(&mut self, channels: &[RodChannels], settings: &RecordSettings) -> Ended {
         let ended = self.end(self.tails.remove_if(|tail, _| !tail.fits(channels, settings)));
         let stay = self.tails.remove_if(|_, _| true);
         self.tails = Tails::new(*settings);

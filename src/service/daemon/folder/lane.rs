@@ -31,7 +31,7 @@ pub(super) struct Lane {
     pub(super) label: Arc<str>,
     pub(super) recording: Recording,
     pub(super) guard: Guard,
-    input: Input,
+    pub(super) input: Input,
     pub(super) file: File,
     pub(super) is_live: bool,
     /// Stamp when reading began, or when it was last seen to grow.

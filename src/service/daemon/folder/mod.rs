@@ -1,19 +1,21 @@
 //! The watched folder: finds recordings to read, and reads them one step at a time.
 
+mod group;
 mod joins;
 mod lane;
 mod listing;
 
+use self::group::{Group, GroupStep, Read};
 pub(super) use self::joins::KEPT_UNDER;
 use self::joins::{Ended, Joins};
 use self::lane::{Lane, Stamp, has_end, stamp};
 use self::listing::{Entry, Listing, label, name_of};
 use super::remembered::Remembered;
 use super::supervision::Watch;
-use crate::analysis::signal::record::{RecordSettings, RodChannels};
-use crate::recording::read::folder::first_time;
+use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};
+use crate::recording::read::folder::{first_time, span_in};
 use crate::recording::read::recordings::FileResult;
-use crate::recording::read::{HELD, Step};
+use crate::recording::read::{HELD, Step, Stream};
 use crate::service::telemetry::{Beat, Fault, Health};
 use crate::site::store::{Carry, FileMark, FileState};
 use rustix::fs::{Mode, OFlags};
@@ -65,9 +67,10 @@ pub(super) struct Folder {
     links: BTreeSet<OsString>,
     /// Folders that cannot be read, each a condition; the empty path is the watched folder itself.
     unreadable: BTreeSet<PathBuf>,
-    finished: Option<Lane>,
-    /// Log time of the first message of the finished file that is read \[ns since 1970\].
-    begins: u64,
+    /// Finished files that are read.
+    finished: Option<Group>,
+    /// True if no other file joins them any more.
+    is_sealed: bool,
     growing: VecDeque<Lane>,
     /// Samples that files read to their end left open.
     joins: Joins,
@@ -87,10 +90,10 @@ pub(super) struct Folder {
 /// Step of the folder.
 pub(super) type FolderStep = Step<FolderEnd>;
 
-/// End of a file, or of samples that it left open.
+/// End of files that were read as one, or of samples that they left open.
 pub(super) struct FolderEnd {
-    /// Mark and summary of the file.
-    pub file: Option<(FileMark, FileResult)>,
+    /// Marks and summaries of the files.
+    pub files: Vec<(FileMark, FileResult)>,
     /// Rows of open samples that change with it.
     pub kept: Vec<Carry>,
 }
@@ -133,7 +136,7 @@ impl Folder {
             links: BTreeSet::new(),
             unreadable: BTreeSet::new(),
             finished: None,
-            begins: 0,
+            is_sealed: false,
             growing: VecDeque::new(),
             next_scan: Instant::now(),
             elsewhere: 0,
@@ -152,7 +155,7 @@ impl Folder {
     pub fn at(&self) -> u64 {
         let next = self.queue.first().map_or(0, |(time, _)| *time);
         let finished = self.finished.as_ref();
-        finished.map_or(next, |lane| lane.recording.at().unwrap_or(self.begins))
+        finished.map_or(next, Group::at)
     }
 
     /// True if finished files wait to be read, or are being read.
@@ -166,9 +169,11 @@ impl Folder {
         channels: &[RodChannels],
         settings: &RecordSettings,
     ) -> impl Iterator<Item = FolderStep> + use<> {
-        let begun_again = self.finished.iter().chain(&self.growing);
-        let ended = self.joins.change(begun_again, channels, settings);
-        self.tell(ended, None);
+        let growing = self.growing.iter().flat_map(|lane| lane.recording.taken());
+        let taken = self.finished.iter().flat_map(Group::taken).chain(growing);
+        self.joins.give_back(taken);
+        let ended = self.joins.change(channels, settings);
+        self.tell(ended, Vec::new());
         channels.clone_into(&mut self.channels);
         self.settings = *settings;
         self.finished = None;
@@ -177,14 +182,14 @@ impl Folder {
         std::mem::take(&mut self.ready).into_iter()
     }
 
-    /// Queues the events of samples that ended, and the end of a file behind them.
-    fn tell(&mut self, ended: Ended, file: Option<(FileMark, FileResult)>) {
+    /// Queues the events of samples that ended, and the end of files behind them.
+    fn tell(&mut self, ended: Ended, files: Vec<(FileMark, FileResult)>) {
         let Ended { events, kept } = ended;
         let events = events.into_iter();
         self.ready
             .extend(events.map(|(event, place)| Step::Event(event, place)));
-        if file.is_some() || !kept.is_empty() {
-            self.ready.push_back(Step::File(FolderEnd { file, kept }));
+        if !files.is_empty() || !kept.is_empty() {
+            self.ready.push_back(Step::File(FolderEnd { files, kept }));
         }
     }
 
@@ -193,7 +198,7 @@ impl Folder {
         let is_unread = |lane: &Lane| lane.recording.is_unread();
         if self.finished.is_none() && self.queue.is_empty() && !self.growing.iter().any(is_unread) {
             let ended = self.joins.end_late();
-            self.tell(ended, None);
+            self.tell(ended, Vec::new());
         }
     }
 
@@ -216,9 +221,7 @@ impl Folder {
             let took = began.elapsed();
             self.next_scan = Instant::now() + SCAN_EVERY.max(SCAN_SHARE * took);
         }
-        if self.finished.is_none() {
-            self.open_finished();
-        }
+        self.open_finished();
         if self.finished.is_some() {
             self.is_turn_of_growing = !self.is_turn_of_growing && !self.catches_up;
             if self.is_turn_of_growing
@@ -227,16 +230,19 @@ impl Folder {
                 return step;
             }
         }
-        if let Some(mut lane) = self.finished.take() {
-            lane.recording.bound(self.room());
-            let step = lane.step(watch, self.settle, &self.health);
-            if let Some(Step::End) = step {
-                return self.close(lane, watch);
-            }
-            self.finished = Some(lane);
+        if let Some(mut group) = self.finished.take() {
+            let next = self.queue.first().filter(|_| !self.is_sealed && group.is_open());
+            let limit = next.map_or(u64::MAX, |(time, _)| *time);
+            let step = group.step(watch, (self.settle, &self.health), (self.room(), limit));
             return match step {
-                Some(Step::Event(event, place)) => Step::Event(event, place),
-                _ => Step::More,
+                GroupStep::Ended(lane) => self.end_one(group, *lane, watch),
+                GroupStep::Step(step) => {
+                    self.finished = Some(group);
+                    match step {
+                        Step::Event(event, place) => Step::Event(event, place),
+                        _ => Step::More,
+                    }
+                }
             };
         }
         if self.queue.is_empty() {
@@ -254,8 +260,11 @@ impl Folder {
             lane.recording.bound(self.room());
             let step = lane.step(watch, self.settle, &self.health);
             match step {
-                None => self.next_scan = Instant::now(),
-                Some(Step::End) => return Some(self.close(lane, watch)),
+                None => {
+                    self.joins.give_back(lane.recording.taken().iter());
+                    self.next_scan = Instant::now();
+                }
+                Some(Step::End) => return Some(self.end_growing(lane, watch)),
                 Some(Step::Wait) => self.growing.push_back(lane),
                 Some(Step::More) => {
                     self.growing.push_back(lane);
@@ -274,8 +283,8 @@ impl Folder {
 
     /// Room for the samples of a recording: what the journal and all other recordings leave \[bytes\].
     fn room(&self) -> usize {
-        let others = self.growing.iter().chain(&self.finished);
-        let held: usize = others.map(|lane| lane.held).sum();
+        let growing: usize = self.growing.iter().map(|lane| lane.held).sum();
+        let held = growing + self.finished.as_ref().map_or(0, Group::held);
         let open = self.joins.held();
         HELD.saturating_sub(self.elsewhere + held + open).max(LEAST_ROOM)
     }
@@ -294,11 +303,13 @@ impl Folder {
                 GROWING_BYTES >> 20
             );
             self.health.fault(Fault::Folder, detail);
+            self.joins.give_back(lane.recording.taken().iter());
             self.postponed.insert(lane.name);
         }
     }
 
-    fn close(&mut self, mut lane: Lane, watch: &dyn Watch) -> FolderStep {
+    /// Notes that a file was read to its end.
+    fn read(&mut self, lane: &mut Lane, watch: &dyn Watch) -> Read {
         let (size, modified_ns) = lane.stamp;
         watch.is_read(&lane.label);
         let quarantined = lane.guard.end(&lane.label);
@@ -307,8 +318,8 @@ impl Folder {
             // One that goes on growing is not worth every scan.
             self.failed.insert(lane.name.clone(), Instant::now() + RETRY);
         }
-        self.done.insert(lane.name.clone(), lane.stamp);
-        let losses = lane.recording.summary().faults();
+        let summary = lane.recording.summary().clone();
+        let losses = summary.faults();
         let read = match losses.is_empty() {
             true => FileState::Done,
             false => FileState::Incomplete(losses.join("; ")),
@@ -319,9 +330,53 @@ impl Folder {
             modified_ns,
             state: quarantined.map_or(read, FileState::Quarantined),
         };
-        let others = self.finished.iter().chain(&self.growing);
-        let ended = self.joins.left(&lane.recording, others);
-        self.tell(ended, Some((mark, Ok(lane.recording.summary().clone()))));
+        Read {
+            name: lane.name.clone(),
+            stamp: lane.stamp,
+            mark,
+            summary,
+        }
+    }
+
+    /// Ends a growing file.
+    fn end_growing(&mut self, mut lane: Lane, watch: &dyn Watch) -> FolderStep {
+        let read = self.read(&mut lane, watch);
+        let (left, taken) = (lane.recording.left(), lane.recording.taken());
+        let ended = self.joins.left(left, taken, |rod| self.is_in_use(rod));
+        self.done_with(ended, vec![read])
+    }
+
+    /// Ends a finished file; with the last of its group, all of the group are done.
+    fn end_one(&mut self, mut group: Group, mut lane: Lane, watch: &dyn Watch) -> FolderStep {
+        let read = self.read(&mut lane, watch);
+        if !group.keep(read) {
+            self.finished = Some(group);
+            return Step::More;
+        }
+        let (stream, read, taken) = group.into_parts();
+        let (events, left) = match stream {
+            Some(stream) => stream.end(self.joins.tails(), lane.recording.counts()),
+            None => (Vec::new(), lane.recording.left().to_vec()),
+        };
+        let mut ended = self.joins.left(&left, &taken, |rod| self.is_in_use(rod));
+        ended.events.splice(0..0, events);
+        self.done_with(ended, read)
+    }
+
+    /// True if a file that is read has samples of a rod.
+    fn is_in_use(&self, rod: &RodId) -> bool {
+        let finished = self.finished.as_ref();
+        finished.is_some_and(|group| group.has_begun(rod))
+            || self.growing.iter().any(|lane| lane.recording.has_begun(rod))
+    }
+
+    fn done_with(&mut self, ended: Ended, read: Vec<Read>) -> FolderStep {
+        let mut files = Vec::with_capacity(read.len());
+        for read in read {
+            self.done.insert(read.name, read.stamp);
+            files.push((read.mark, Ok(read.summary)));
+        }
+        self.tell(ended, files);
         self.ready.pop_front().unwrap_or(Step::More)
     }
 
@@ -405,12 +460,11 @@ impl Folder {
             lane.is_replaced = !lane.file.metadata().is_ok_and(same);
             return;
         }
-        let is_read = |lane: &Lane| lane.name == name;
         let is_waiting = self.failed.get(name).is_some_and(|until| Instant::now() < *until);
         if self.done.get(name) == Some(&stamp)
             || self.queued.contains_key(name)
             || is_waiting
-            || self.finished.as_ref().is_some_and(is_read)
+            || self.finished.as_ref().is_some_and(|group| group.has(name))
         {
             return;
         }
@@ -442,24 +496,59 @@ impl Folder {
         }
     }
 
+    /// Begins with the oldest finished file, or lets those join whose time has come.
     fn open_finished(&mut self) {
-        let Some((begins, name)) = self.queue.pop_first() else {
-            return;
-        };
-        self.begins = begins;
-        self.queued.remove(&name);
-        let opened = self.open(&name).and_then(|file| {
-            Lane::begin(&self.path, &name, file, false, &self.channels, &self.settings)
-                .map_err(|error| io::Error::other(error.to_string()))
-        });
-        match opened {
-            Ok(mut lane) => {
-                self.joins.join(&mut lane.recording);
-                self.finished = Some(lane);
+        loop {
+            match (&self.finished, self.queue.first()) {
+                (None, Some(_)) => self.is_sealed = false,
+                (Some(group), Some((begins, _)))
+                    if !self.is_sealed && group.is_open() && group.has_come_to(*begins) => {}
+                _ => return,
             }
-            // Removed meanwhile.
-            Err(fault) if fault.kind() == io::ErrorKind::NotFound => {}
-            Err(fault) => self.cannot_open(&name, &fault),
+            let Some((begins, name)) = self.queue.pop_first() else {
+                return;
+            };
+            let opened = self.open(&name).and_then(|file| {
+                let span = span_in(&file);
+                if let Some(group) = &mut self.finished
+                    && !span.as_ref().is_some_and(|span| group.takes(span))
+                {
+                    return Ok(None);
+                }
+                let begun = Lane::begin(&self.path, &name, file, false, &self.channels, &self.settings);
+                let mut lane = begun.map_err(|error| io::Error::other(error.to_string()))?;
+                self.joins.join(&mut lane.recording);
+                Ok(Some((lane, span)))
+            });
+            match opened {
+                // It has a topic of another one's at the same time, or no summary: it is read when the group is done.
+                Ok(None) => {
+                    self.is_sealed = true;
+                    self.queue.insert((begins, name));
+                    return;
+                }
+                Ok(Some((lane, span))) => {
+                    self.queued.remove(&name);
+                    match (&mut self.finished, span) {
+                        (Some(group), Some(span)) => group.add(lane, begins, span),
+                        (finished, span) => {
+                            let stream = span.map(|span| {
+                                let mut stream = Stream::new(&self.channels, &self.settings);
+                                stream.add(span);
+                                stream
+                            });
+                            *finished = Some(Group::of(lane, begins, stream));
+                        }
+                    }
+                }
+                Err(fault) => {
+                    self.queued.remove(&name);
+                    // It may have been removed meanwhile.
+                    if fault.kind() != io::ErrorKind::NotFound {
+                        self.cannot_open(&name, &fault);
+                    }
+                }
+            }
         }
     }
 

@@ -1,0 +1,144 @@
+//! Files that are read side by side as one: their rods, and the order of their turns.
+
+use super::folder::Span;
+use super::route::{Rod, Router};
+use super::tail::{Tail, Tails};
+use super::{Event, Place, Recording, Source, Step};
+use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};
+use std::convert::Infallible;
+use std::sync::Arc;
+
+/// Largest overlap of consecutive files of one stream \[ns\]: messages at the seam come out of order.
+pub(super) const SEAM_NS: u64 = 1_000_000_000;
+
+/// Files that are read as one. Records go on from one into the next.
+pub struct Stream {
+    pub(super) rods: Vec<Rod>,
+    /// True if a record ends with its file.
+    ends_with_file: bool,
+    /// Time spans and topics that later files may share.
+    spans: Vec<Span>,
+}
+
+impl Stream {
+    /// A stream without a file.
+    pub fn new(channels: &[RodChannels], settings: &RecordSettings) -> Self {
+        let router = Router::new(channels, settings);
+        Self {
+            ends_with_file: router.ends_with_file,
+            rods: router.rods,
+            spans: Vec::new(),
+        }
+    }
+
+    /// True if a file can join it. Files come in the order of their first messages.
+    pub fn takes(&mut self, span: &Span) -> bool {
+        self.spans
+            .retain(|known| known.to > span.from.saturating_add(SEAM_NS));
+        // One that ends before another one that began earlier goes beside it, not behind.
+        !self
+            .spans
+            .iter()
+            .any(|known| !known.topics.is_disjoint(&span.topics))
+    }
+
+    /// Adds a file by its span.
+    pub fn add(&mut self, span: Span) {
+        self.spans.push(span);
+    }
+
+    /// Does something with a recording that has the rods of the stream meanwhile.
+    fn with<T>(&mut self, recording: &mut Recording, work: impl FnOnce(&mut Recording) -> T) -> T {
+        recording.swap_rods(&mut self.rods);
+        let result = work(recording);
+        recording.swap_rods(&mut self.rods);
+        result
+    }
+
+    /// Takes the next step of one of its recordings, which passes on nothing logged after `limit` \[ns\].
+    pub fn poll(&mut self, recording: &mut Recording, limit: u64) -> Step<Infallible> {
+        self.with(recording, |recording| recording.poll_up_to(limit))
+    }
+
+    /// True if a rod had samples in it since the last end.
+    pub fn has_begun(&self, rod: &RodId) -> bool {
+        self.rods
+            .iter()
+            .any(|lane| lane.is_begun && lane.config.rod == *rod)
+    }
+
+    /// Ends it behind its last file, of this name, bytes read and records returned: the events of what ends there, and what is
+    /// left open for files that go on there.
+    pub fn end(
+        self,
+        tails: &Tails,
+        (file, bytes, mut records): (Arc<str>, u64, u64),
+    ) -> (Vec<(Event, Place)>, Vec<Tail>) {
+        let mut router = Router::of(self.rods);
+        let mut ended = Vec::new();
+        if self.ends_with_file {
+            router.finish(false, None, &mut ended);
+        } else {
+            router.join(tails.clone(), Arc::clone(&file));
+            router.leave(&mut ended);
+        }
+        let events = ended.into_iter().map(|timed| {
+            records += timed.records();
+            timed.at_place(Arc::clone(&file), bytes, records)
+        });
+        let events = events.collect();
+        (events, router.left(&(file, bytes, records)))
+    }
+}
+
+/// A recording of a stream.
+pub struct Member<'a> {
+    /// The recording.
+    pub recording: &'a mut Recording,
+    /// Its stream.
+    pub stream: &'a mut Stream,
+    /// Log time up to which it is read \[ns\].
+    pub limit: u64,
+}
+
+impl Member<'_> {
+    /// Bytes in memory, those of the stream among them.
+    pub fn held(&mut self) -> usize {
+        self.stream.with(self.recording, |recording| recording.held())
+    }
+}
+
+impl Source for Member<'_> {
+    type File = Infallible;
+
+    fn poll(&mut self) -> Step<Infallible> {
+        self.stream.poll(self.recording, self.limit)
+    }
+
+    fn position(&self) -> Option<(Arc<str>, u64)> {
+        Source::position(self.recording)
+    }
+
+    fn abandon(&mut self, why: &str) {
+        self.stream
+            .with(self.recording, |recording| recording.abandon(why));
+    }
+
+    fn discard(&mut self, why: &str) {
+        self.recording.discard(why);
+    }
+}
+
+/// The one of several files that is furthest behind, by the log times they have reached, and the log time up to which it may be read before
+/// another has its turn \[ns\].
+pub fn turn(fronts: &[u64]) -> Option<(usize, u64)> {
+    let all = fronts.iter().copied().enumerate();
+    let (at, _) = all.clone().min_by_key(|(at, front)| (*front, *at))?;
+    let limits = all
+        .filter(|(other, _)| *other != at)
+        .map(|(other, front)| match other < at {
+            true => front.saturating_sub(1),
+            false => front,
+        });
+    Some((at, limits.min().unwrap_or(u64::MAX)))
+}

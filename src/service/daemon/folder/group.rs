@@ -1,0 +1,173 @@
+//! Finished files that overlap in time: they are read side by side as one, and done together.
+
+use super::lane::{Lane, Stamp};
+use crate::analysis::signal::record::RodId;
+use crate::recording::read::folder::Span;
+use crate::recording::read::stream::turn;
+use crate::recording::read::{Member, Step, Stream, Summary, Tail};
+use crate::service::daemon::supervision::Watch;
+use crate::service::telemetry::Health;
+use crate::site::store::FileMark;
+use std::convert::Infallible;
+use std::ffi::{OsStr, OsString};
+use std::time::Duration;
+
+/// Bytes of files beyond which no other joins: a restart reads all of a group again.
+const MOST_BYTES: u64 = 1 << 30;
+
+/// A file of the group that is read.
+struct Open {
+    lane: Lane,
+    /// Log time reached by reading \[ns\]; at first that of its first message.
+    front: u64,
+}
+
+/// A file of the group that was read to its end.
+pub(super) struct Read {
+    pub(super) name: OsString,
+    pub(super) stamp: Stamp,
+    pub(super) mark: FileMark,
+    pub(super) summary: Summary,
+}
+
+/// Files that are read as one.
+pub(super) struct Group {
+    /// What they share; `None` for a file without a summary, which is read on its own.
+    stream: Option<Stream>,
+    open: Vec<Open>,
+    read: Vec<Read>,
+    /// Open samples of earlier files that those read to their end went on with.
+    taken: Vec<Tail>,
+    bytes: u64,
+}
+
+/// Result of a step of a group.
+pub(super) enum GroupStep {
+    /// A step of one of its files.
+    Step(Step<Infallible>),
+    /// One of its files was read to its end.
+    Ended(Box<Lane>),
+}
+
+impl Group {
+    /// A group of one file, whose first message has this log time.
+    pub(super) fn of(lane: Lane, begins: u64, stream: Option<Stream>) -> Self {
+        Self {
+            stream,
+            bytes: lane.stamp.0,
+            open: vec![Open { lane, front: begins }],
+            read: Vec::new(),
+            taken: Vec::new(),
+        }
+    }
+
+    /// Log time up to which its files are read \[ns\].
+    pub(super) fn at(&self) -> u64 {
+        let fronts = self.open.iter().map(|open| match self.stream {
+            Some(_) => open.front,
+            None => open.lane.recording.at().unwrap_or(open.front),
+        });
+        fronts.min().unwrap_or(0)
+    }
+
+    /// True if other files may join it.
+    pub(super) fn is_open(&self) -> bool {
+        self.stream.is_some() && self.bytes <= MOST_BYTES
+    }
+
+    /// True if it is read up to the first message of a file, which has this log time.
+    pub(super) fn has_come_to(&self, begins: u64) -> bool {
+        let is_ready = self.open.iter().any(|open| open.lane.recording.is_ready());
+        !is_ready && begins <= self.at()
+    }
+
+    /// True if a file can be read as one with the others.
+    pub(super) fn takes(&mut self, span: &Span) -> bool {
+        self.stream.as_mut().is_some_and(|stream| stream.takes(span))
+    }
+
+    /// Adds a file.
+    pub(super) fn add(&mut self, lane: Lane, begins: u64, span: Span) {
+        self.bytes += lane.stamp.0;
+        self.open.push(Open { lane, front: begins });
+        if let Some(stream) = &mut self.stream {
+            stream.add(span);
+        }
+    }
+
+    /// True if a file is in it.
+    pub(super) fn has(&self, name: &OsStr) -> bool {
+        self.open.iter().any(|open| open.lane.name == name) || self.read.iter().any(|read| read.name == name)
+    }
+
+    /// True if a rod has samples in it, as far as it is read.
+    pub(super) fn has_begun(&self, rod: &RodId) -> bool {
+        match &self.stream {
+            Some(stream) => stream.has_begun(rod),
+            None => self.open.iter().any(|open| open.lane.recording.has_begun(rod)),
+        }
+    }
+
+    /// Open samples of earlier files that its files went on with.
+    pub(super) fn taken(&self) -> impl Iterator<Item = &Tail> {
+        let open = self.open.iter().flat_map(|open| open.lane.recording.taken());
+        open.chain(&self.taken)
+    }
+
+    /// Bytes in memory.
+    pub(super) fn held(&self) -> usize {
+        self.open.iter().map(|open| open.lane.held).sum()
+    }
+
+    /// Takes one step of the file whose turn it is, within this room \[bytes\]; nothing logged after `limit` is passed on, where files
+    /// share a stream.
+    pub(super) fn step(
+        &mut self,
+        watch: &mut dyn Watch,
+        (settle, health): (Duration, &Health),
+        (room, limit): (usize, u64),
+    ) -> GroupStep {
+        let fronts: Vec<u64> = self.open.iter().map(|open| open.front).collect();
+        // Events already read are returned before another file's turn.
+        let ready = self.open.iter().position(|open| open.lane.recording.is_ready());
+        let Some((at, before_others)) = ready.map(|at| (at, 0)).or_else(|| turn(&fronts)) else {
+            return GroupStep::Step(Step::End);
+        };
+        let Open { lane, front } = &mut self.open[at];
+        lane.recording.bound(room);
+        let step = match &mut self.stream {
+            None => lane.step(watch, settle, health).unwrap_or(Step::More),
+            Some(stream) => {
+                let guard = &mut lane.guard;
+                let mut member = Member {
+                    recording: &mut lane.recording,
+                    stream,
+                    limit: before_others.min(limit),
+                };
+                let step = guard.poll(&mut member, &lane.input, watch, health);
+                lane.held = member.held();
+                *front = lane.recording.front().unwrap_or(*front).max(*front);
+                step
+            }
+        };
+        match step {
+            Step::End => {
+                let lane = self.open.remove(at).lane;
+                self.taken.extend_from_slice(lane.recording.taken());
+                GroupStep::Ended(Box::new(lane))
+            }
+            step => GroupStep::Step(step),
+        }
+    }
+
+    /// Keeps a file that was read to its end; true if it was the last.
+    pub(super) fn keep(&mut self, read: Read) -> bool {
+        self.read.push(read);
+        self.open.is_empty()
+    }
+
+    /// Takes it apart when all its files are read: their stream, they, and the open samples that they went on with.
+    pub(super) fn into_parts(self) -> (Option<Stream>, Vec<Read>, Vec<Tail>) {
+        (self.stream, self.read, self.taken)
+    }
+}

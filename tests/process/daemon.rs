@@ -9,7 +9,7 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::os::unix::process::CommandExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -121,18 +121,26 @@ fn daemon_site() -> Site {
 }
 
 /// Waits until the store meets a condition.
-fn wait_until(site: &Site, what: &str, mut is_so: impl FnMut(&Reader) -> bool) {
+fn wait_until(site: &Site, what: &str, is_so: impl FnMut(&Reader) -> bool) {
+    wait_until_in(&site.path("site.db"), what, is_so);
+}
+
+fn wait_until_in(store: &Path, what: &str, mut is_so: impl FnMut(&Reader) -> bool) {
     let until = Instant::now() + DEADLINE;
     // Before the daemon has made it, there is no store.
-    while !Reader::open(&site.path("site.db")).is_ok_and(|reader| is_so(&reader)) {
+    while !Reader::open(store).is_ok_and(|reader| is_so(&reader)) {
         assert!(Instant::now() < until, "not so: {what}");
         thread::sleep(Duration::from_millis(5));
     }
 }
 
 fn wait_for_files(site: &Site, count: usize) {
-    wait_until(
-        site,
+    wait_for_files_in(&site.path("site.db"), count);
+}
+
+fn wait_for_files_in(store: &Path, count: usize) {
+    wait_until_in(
+        store,
         "all files are read, and nothing goes on with the last",
         |reader| {
             let is_read = reader.files().is_ok_and(|files| files.len() == count);
@@ -665,6 +673,7 @@ fn a_full_disk_is_waited_for_and_nothing_is_lost() {
         }
         fs::remove_file(site.path("small/ballast")).unwrap();
         daemon.wait_for("week-6.mcap is read");
+        wait_for_files_in(&site.path("small/site.db"), 7);
         daemon.stop();
         assert_equal_dumps(&whole, &site.dump("small/site.db"));
         // This process read the store, and keeps its file open: without its content, it takes no room.

@@ -6,7 +6,7 @@ use crate::folder::{Run, generation, measured};
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tirante::analysis::signal::record::Event;
 use tirante::recording::read::Step;
 use tirante::recording::read::folder::recordings;
@@ -121,20 +121,30 @@ fn files_side_by_side_are_done_together_over_a_restart_at_any_job() {
     restarted(folder.path(), 6);
 }
 
+/// The next job that comes within a time and says more than that there is nothing to read.
+fn next(run: &Run, within: Duration) -> Option<Job> {
+    let until = Instant::now() + within;
+    std::iter::from_fn(|| {
+        let left = until.saturating_duration_since(Instant::now());
+        run.jobs.recv_timeout(left).ok()
+    })
+    .find(|job| !matches!(job, Job::Look(_)))
+}
+
 /// Restarts the reader after every number of jobs.
 fn restarted(folder: &Path, files: usize) {
     let expected = replayed(folder);
     assert_eq!(expected.len(), 6);
     let first = run(folder, LONG_S, Remembered::default());
-    let mut jobs = Vec::new();
-    while let Ok(job) = first.jobs.recv_timeout(Duration::from_millis(1500)) {
-        jobs.push(job);
+    let mut count = 0;
+    while next(&first, Duration::from_millis(1500)).is_some() {
+        count += 1;
     }
     first.reader.stop();
-    for killed_after in 0..=jobs.len() {
+    for killed_after in 0..=count {
         let mut first = run(folder, LONG_S, Remembered::default());
         for _ in 0..killed_after {
-            let job = first.jobs.recv_timeout(Duration::from_secs(30)).unwrap();
+            let job = next(&first, Duration::from_secs(30)).unwrap();
             first.take(job);
         }
         let (mut found, remembered) = (identities(&first), first.remembered.clone());

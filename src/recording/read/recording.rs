@@ -237,10 +237,10 @@ impl Recording {
         self.router.join(tails.clone(), Arc::clone(&self.name));
     }
 
-    /// Open samples that it left; none before its end, and none if it was cut short or damaged. One that was discarded leaves those of
+    /// Takes the open samples that it left; none before its end, and none if it was cut short or damaged. One that was discarded leaves those of
     /// earlier files.
-    pub fn left(&self) -> &[Tail] {
-        &self.left
+    pub fn take_left(&mut self) -> Vec<Tail> {
+        std::mem::take(&mut self.left)
     }
 
     /// Open samples of earlier files that its rods went on with.

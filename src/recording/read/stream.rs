@@ -18,6 +18,10 @@ pub struct Stream {
     ends_with_file: bool,
     /// Time spans and topics that later files may share.
     spans: Vec<Span>,
+    /// Events of what ended with the last file.
+    events: Vec<(Event, Place)>,
+    /// Open samples that the last file left.
+    left: Vec<Tail>,
 }
 
 impl Stream {
@@ -28,6 +32,8 @@ impl Stream {
             ends_with_file: router.ends_with_file,
             rods: router.rods,
             spans: Vec::new(),
+            events: Vec::new(),
+            left: Vec::new(),
         }
     }
 
@@ -67,14 +73,9 @@ impl Stream {
             .any(|lane| lane.is_begun && lane.config.rod == *rod)
     }
 
-    /// Ends it behind its last file, of this name, bytes read and records returned: the events of what ends there, and what is
-    /// left open for files that go on there.
-    pub fn end(
-        self,
-        tails: &Tails,
-        (file, bytes, mut records): (Arc<str>, u64, u64),
-    ) -> (Vec<(Event, Place)>, Vec<Tail>) {
-        let mut router = Router::of(self.rods);
+    /// Ends it behind its last file, of this name, bytes read and records returned.
+    fn end(&mut self, tails: &Tails, (file, bytes, mut records): (Arc<str>, u64, u64)) {
+        let mut router = Router::of(std::mem::take(&mut self.rods));
         let mut ended = Vec::new();
         if self.ends_with_file {
             router.finish(false, None, &mut ended);
@@ -86,8 +87,13 @@ impl Stream {
             records += timed.records();
             timed.at_place(Arc::clone(&file), bytes, records)
         });
-        let events = events.collect();
-        (events, router.left(&(file, bytes, records)))
+        self.events = events.collect();
+        self.left = router.left(&(file, bytes, records));
+    }
+
+    /// The events of what ended with its last file, and what that left open for files that go on there.
+    pub fn into_ended(self) -> (Vec<(Event, Place)>, Vec<Tail>) {
+        (self.events, self.left)
     }
 }
 
@@ -99,6 +105,8 @@ pub struct Member<'a> {
     pub stream: &'a mut Stream,
     /// Log time up to which it is read \[ns\].
     pub limit: u64,
+    /// What takes the open samples, if it is the last of its stream that is read.
+    pub last: Option<&'a Tails>,
 }
 
 impl Member<'_> {
@@ -112,7 +120,12 @@ impl Source for Member<'_> {
     type File = Infallible;
 
     fn poll(&mut self) -> Step<Infallible> {
-        self.stream.poll(self.recording, self.limit)
+        let step = self.stream.poll(self.recording, self.limit);
+        // A step like any other: what it takes may be too much.
+        if let (Step::End, Some(tails)) = (&step, self.last) {
+            self.stream.end(tails, self.recording.counts());
+        }
+        step
     }
 
     fn position(&self) -> Option<(Arc<str>, u64)> {

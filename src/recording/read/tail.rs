@@ -65,7 +65,8 @@ impl Tail {
 
     /// Encodes it for the store.
     pub fn encode(&self) -> Vec<u8> {
-        postcard::to_stdvec(&(VERSION, self)).unwrap_or_default()
+        let room = Vec::with_capacity(self.held() + 4096);
+        postcard::to_extend(&(VERSION, self), room).unwrap_or_default()
     }
 
     /// Reads an encoded one; `None` if it comes from another version of the program.
@@ -176,17 +177,21 @@ impl Tails {
         })
     }
 
-    /// Adds a rod's; returns the one that cannot wait any more, since the rod has a later one.
-    pub fn put(&self, tail: Tail) -> Option<Tail> {
+    /// Adds a rod's; returns the one before, which cannot wait any more.
+    ///
+    /// # Errors
+    /// The rod has a later one: the tail itself.
+    #[allow(clippy::result_large_err, reason = "it is no failure, and moved on at once")]
+    pub fn put(&self, tail: Tail) -> Result<Option<Tail>, Tail> {
         self.all(|waiting| {
             if waiting
                 .get(&tail.rod)
                 .is_some_and(|(other, _)| other.to > tail.to)
             {
-                return Some(tail);
+                return Err(tail);
             }
             let before = waiting.insert(tail.rod.clone(), (tail, Instant::now()));
-            before.map(|(tail, _)| tail)
+            Ok(before.map(|(tail, _)| tail))
         })
     }
 

@@ -37,6 +37,11 @@ pub trait Watch: Send {
     /// Notes that a file was read to its end, which clears all its steps.
     fn is_read(&self, _file: &str) {}
 
+    /// True if the program ended while it read a file: its steps are those of a trial only if it is read alone.
+    fn is_suspect(&self, _file: &str) -> bool {
+        false
+    }
+
     /// Tells the part of a file that must not be read, before its first step.
     fn aside(&mut self, _name: &str, _input: &Input) -> Aside {
         Aside::Nothing
@@ -96,6 +101,10 @@ impl Watch for Watched {
 
     fn is_read(&self, file: &str) {
         self.quarantine.is_read(file);
+    }
+
+    fn is_suspect(&self, file: &str) -> bool {
+        self.quarantine.ends(&file_step(file)).is_some() || !self.quarantine.places(file).is_empty()
     }
 
     fn event(&mut self, event: &Event) -> Standing {

@@ -5,6 +5,9 @@ use crate::analysis::signal::record::RodId;
 use crate::recording::read::tail::{Tail, Tails};
 use std::sync::Arc;
 
+/// Most bytes of samples that a rod leaves open; a longer record ends with its file.
+const MOST_OPEN: usize = 8 << 20;
+
 impl Router {
     /// Lets the rods go on with the open samples of earlier files, and leave theirs.
     pub fn join(&mut self, tails: Tails, file: Arc<str>) {
@@ -59,14 +62,19 @@ impl Router {
     /// Ends the file: rods with samples in it leave what is open, the others end.
     pub fn leave(&mut self, to: &mut impl Extend<Timed>) {
         self.go_on_to_the_end();
-        let mut first_begun = false;
-        for (rod, count) in self.rods.iter_mut().zip(&self.counts) {
-            if rod.sensor == 0 {
-                first_begun = rod.is_begun;
-            }
-            match first_begun {
-                true => rod.tell_nothing(*count, None),
-                false => rod.finish(*count, false, None),
+        let mut counts = self.counts.iter();
+        for lanes in self.rods.chunk_by_mut(|_, next| next.sensor > 0) {
+            let open: usize = lanes
+                .iter()
+                .map(|lane| lane.assembler.held() + lane.waiting())
+                .sum();
+            lanes[0].is_begun &= open <= MOST_OPEN;
+            let leaves = lanes[0].is_begun;
+            for (rod, count) in lanes.iter_mut().zip(&mut counts) {
+                match leaves {
+                    true => rod.tell_nothing(*count, None),
+                    false => rod.finish(*count, false, None),
+                }
             }
         }
         self.collect(false);

@@ -4,7 +4,7 @@ use super::lane::{Lane, Stamp};
 use crate::analysis::signal::record::RodId;
 use crate::recording::read::folder::Span;
 use crate::recording::read::stream::turn;
-use crate::recording::read::{Member, Step, Stream, Summary, Tail};
+use crate::recording::read::{Member, Step, Stream, Summary, Tail, Tails};
 use crate::service::daemon::supervision::Watch;
 use crate::service::telemetry::Health;
 use crate::site::store::FileMark;
@@ -32,7 +32,7 @@ pub(super) struct Read {
 
 /// Files that are read as one.
 pub(super) struct Group {
-    /// What they share; `None` for a file without a summary, which is read on its own.
+    /// What they share; `None` for a file that is read on its own: without a summary, or suspected of ending the program.
     stream: Option<Stream>,
     open: Vec<Open>,
     read: Vec<Read>,
@@ -126,6 +126,7 @@ impl Group {
         watch: &mut dyn Watch,
         (settle, health): (Duration, &Health),
         (room, limit): (usize, u64),
+        tails: &Tails,
     ) -> GroupStep {
         let fronts: Vec<u64> = self.open.iter().map(|open| open.front).collect();
         // Events already read are returned before another file's turn.
@@ -133,6 +134,7 @@ impl Group {
         let Some((at, before_others)) = ready.map(|at| (at, 0)).or_else(|| turn(&fronts)) else {
             return GroupStep::Step(Step::End);
         };
+        let is_last = self.open.len() == 1;
         let Open { lane, front } = &mut self.open[at];
         lane.recording.bound(room);
         let step = match &mut self.stream {
@@ -143,6 +145,7 @@ impl Group {
                     recording: &mut lane.recording,
                     stream,
                     limit: before_others.min(limit),
+                    last: is_last.then_some(tails),
                 };
                 let step = guard.poll(&mut member, &lane.input, watch, health);
                 lane.held = member.held();

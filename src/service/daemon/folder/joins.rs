@@ -10,6 +10,9 @@ use std::time::Duration;
 /// Beginning of the names under which the store keeps them, before the rod's id.
 pub(in crate::service::daemon) const KEPT_UNDER: &str = "folder/";
 
+/// Most bytes of open samples of all rods; beyond, records end with their files.
+const MOST_BYTES: usize = 32 << 20;
+
 /// Open samples of the files read so far.
 pub(super) struct Joins {
     tails: Tails,
@@ -81,26 +84,36 @@ impl Joins {
     }
 
     /// Takes what files left open at their end, and had `taken` before; `is_in_use` says which rods' samples are being read.
-    pub(super) fn left(&self, left: &[Tail], taken: &[Tail], is_in_use: impl Fn(&RodId) -> bool) -> Ended {
-        let mut ended = Ended::default();
+    pub(super) fn left(&self, left: Vec<Tail>, taken: &[Tail], is_in_use: impl Fn(&RodId) -> bool) -> Ended {
+        let stays = |taken: &&Tail| !left.iter().any(|tail| tail.rod == taken.rod);
+        let gone = taken.iter().filter(stays);
+        let mut ended = Ended {
+            events: Vec::new(),
+            kept: gone.map(|tail| carry(&tail.rod, Vec::new())).collect(),
+        };
         for tail in left {
-            let (kept, over) = if is_in_use(&tail.rod) {
-                // Files of one topic side by side: copies, most likely.
-                (false, Some(tail.clone()))
+            // Files of one topic side by side are copies, most likely.
+            let waits = !is_in_use(&tail.rod) && self.held() + tail.held() <= MOST_BYTES;
+            let mut row = carry(&tail.rod, Vec::new());
+            let over = if waits {
+                row.body = tail.encode();
+                match self.tails.put(tail) {
+                    Ok(before) => {
+                        ended.kept.push(row);
+                        before
+                    }
+                    Err(older) => Some(older),
+                }
             } else {
-                let over = self.tails.put(tail.clone());
-                (over.as_ref().is_none_or(|over| over.to < tail.to), over)
+                if taken.iter().any(|taken| taken.rod == tail.rod) {
+                    ended.kept.push(row);
+                }
+                Some(tail)
             };
             ended
                 .events
                 .extend(over.iter().flat_map(|tail| self.events(tail)));
-            if kept {
-                ended.kept.push(carry(&tail.rod, tail.encode()));
-            }
         }
-        let stays = |taken: &&Tail| !left.iter().any(|tail| tail.rod == taken.rod);
-        let gone = taken.iter().filter(stays);
-        ended.kept.extend(gone.map(|tail| carry(&tail.rod, Vec::new())));
         ended
     }
 

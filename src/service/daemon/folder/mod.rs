@@ -221,7 +221,7 @@ impl Folder {
             let took = began.elapsed();
             self.next_scan = Instant::now() + SCAN_EVERY.max(SCAN_SHARE * took);
         }
-        self.open_finished();
+        self.open_finished(watch);
         if self.finished.is_some() {
             self.is_turn_of_growing = !self.is_turn_of_growing && !self.catches_up;
             if self.is_turn_of_growing
@@ -233,7 +233,12 @@ impl Folder {
         if let Some(mut group) = self.finished.take() {
             let next = self.queue.first().filter(|_| !self.is_sealed && group.is_open());
             let limit = next.map_or(u64::MAX, |(time, _)| *time);
-            let step = group.step(watch, (self.settle, &self.health), (self.room(), limit));
+            let step = group.step(
+                watch,
+                (self.settle, &self.health),
+                (self.room(), limit),
+                self.joins.tails(),
+            );
             return match step {
                 GroupStep::Ended(lane) => self.end_one(group, *lane, watch),
                 GroupStep::Step(step) => {
@@ -341,7 +346,8 @@ impl Folder {
     /// Ends a growing file.
     fn end_growing(&mut self, mut lane: Lane, watch: &dyn Watch) -> FolderStep {
         let read = self.read(&mut lane, watch);
-        let (left, taken) = (lane.recording.left(), lane.recording.taken());
+        let left = lane.recording.take_left();
+        let taken = lane.recording.taken();
         let ended = self.joins.left(left, taken, |rod| self.is_in_use(rod));
         self.done_with(ended, vec![read])
     }
@@ -355,10 +361,10 @@ impl Folder {
         }
         let (stream, read, taken) = group.into_parts();
         let (events, left) = match stream {
-            Some(stream) => stream.end(self.joins.tails(), lane.recording.counts()),
-            None => (Vec::new(), lane.recording.left().to_vec()),
+            Some(stream) => stream.into_ended(),
+            None => (Vec::new(), lane.recording.take_left()),
         };
-        let mut ended = self.joins.left(&left, &taken, |rod| self.is_in_use(rod));
+        let mut ended = self.joins.left(left, &taken, |rod| self.is_in_use(rod));
         ended.events.splice(0..0, events);
         self.done_with(ended, read)
     }
@@ -497,7 +503,7 @@ impl Folder {
     }
 
     /// Begins with the oldest finished file, or lets those join whose time has come.
-    fn open_finished(&mut self) {
+    fn open_finished(&mut self, watch: &dyn Watch) {
         loop {
             match (&self.finished, self.queue.first()) {
                 (None, Some(_)) => self.is_sealed = false,
@@ -509,7 +515,7 @@ impl Folder {
                 return;
             };
             let opened = self.open(&name).and_then(|file| {
-                let span = span_in(&file);
+                let span = span_in(&file).filter(|_| !watch.is_suspect(&label(&name)));
                 if let Some(group) = &mut self.finished
                     && !span.as_ref().is_some_and(|span| group.takes(span))
                 {
@@ -521,7 +527,7 @@ impl Folder {
                 Ok(Some((lane, span)))
             });
             match opened {
-                // It has a topic of another one's at the same time, or no summary: it is read when the group is done.
+                // It has a topic of another one's at the same time, or is read alone: its turn comes when the group is done.
                 Ok(None) => {
                     self.is_sealed = true;
                     self.queue.insert((begins, name));

@@ -511,7 +511,10 @@ impl Source for Recording {
         let taken = self.router.take_taken();
         self.router = Router::of(Vec::new());
         // With none of its records told, these are as the file before left them.
-        self.left = if self.records == 0 { taken } else { Vec::new() };
+        match self.records {
+            0 => self.left = taken,
+            _ => self.router.keep_taken(taken),
+        }
         self.summary.damage = Some(format!("{}: {why}; nothing of it was used", self.summary.file));
     }
 }

@@ -53,6 +53,14 @@ impl Stream {
         self.spans.push(span);
     }
 
+    /// Bytes of samples not yet in a record, and of records that wait for other sensors.
+    pub fn held(&self) -> usize {
+        self.rods
+            .iter()
+            .map(|rod| rod.assembler.held() + rod.waiting())
+            .sum()
+    }
+
     /// Does something with a recording that has the rods of the stream meanwhile.
     fn with<T>(&mut self, recording: &mut Recording, work: impl FnOnce(&mut Recording) -> T) -> T {
         recording.swap_rods(&mut self.rods);
@@ -107,13 +115,6 @@ pub struct Member<'a> {
     pub limit: u64,
     /// What takes the open samples, if it is the last of its stream that is read.
     pub last: Option<&'a Tails>,
-}
-
-impl Member<'_> {
-    /// Bytes in memory, those of the stream among them.
-    pub fn held(&mut self) -> usize {
-        self.stream.with(self.recording, |recording| recording.held())
-    }
 }
 
 impl Source for Member<'_> {

@@ -103,6 +103,11 @@ impl Router {
         std::mem::take(&mut self.taken)
     }
 
+    /// Remembers what others went on with.
+    pub fn keep_taken(&mut self, taken: Vec<Tail>) {
+        self.taken = taken;
+    }
+
     /// True if a rod had samples in the file.
     pub fn has_begun(&self, rod: &RodId) -> bool {
         self.rods

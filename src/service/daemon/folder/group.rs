@@ -8,7 +8,6 @@ use crate::recording::read::{Member, Step, Stream, Summary, Tail, Tails};
 use crate::service::daemon::supervision::Watch;
 use crate::service::telemetry::Health;
 use crate::site::store::FileMark;
-use std::convert::Infallible;
 use std::ffi::{OsStr, OsString};
 use std::time::Duration;
 
@@ -39,14 +38,6 @@ pub(super) struct Group {
     /// Open samples of earlier files that those read to their end went on with.
     taken: Vec<Tail>,
     bytes: u64,
-}
-
-/// Result of a step of a group.
-pub(super) enum GroupStep {
-    /// A step of one of its files.
-    Step(Step<Infallible>),
-    /// One of its files was read to its end.
-    Ended(Box<Lane>),
 }
 
 impl Group {
@@ -116,10 +107,11 @@ impl Group {
 
     /// Bytes in memory.
     pub(super) fn held(&self) -> usize {
-        self.open.iter().map(|open| open.lane.held).sum()
+        let own: usize = self.open.iter().map(|open| open.lane.held).sum();
+        own + self.stream.as_ref().map_or(0, Stream::held)
     }
 
-    /// Takes one step of the file whose turn it is, within this room \[bytes\]; nothing logged after `limit` is passed on, where files
+    /// Takes one step of the file whose turn it is, which is handed over at its end, within this room \[bytes\]; nothing logged after `limit` is passed on, where files
     /// share a stream.
     pub(super) fn step(
         &mut self,
@@ -127,12 +119,12 @@ impl Group {
         (settle, health): (Duration, &Health),
         (room, limit): (usize, u64),
         tails: &Tails,
-    ) -> GroupStep {
+    ) -> Step<Box<Lane>> {
         let fronts: Vec<u64> = self.open.iter().map(|open| open.front).collect();
         // Events already read are returned before another file's turn.
         let ready = self.open.iter().position(|open| open.lane.recording.is_ready());
         let Some((at, before_others)) = ready.map(|at| (at, 0)).or_else(|| turn(&fronts)) else {
-            return GroupStep::Step(Step::End);
+            return Step::End;
         };
         let is_last = self.open.len() == 1;
         let Open { lane, front } = &mut self.open[at];
@@ -148,7 +140,7 @@ impl Group {
                     last: is_last.then_some(tails),
                 };
                 let step = guard.poll(&mut member, &lane.input, watch, health);
-                lane.held = member.held();
+                lane.held = lane.recording.held();
                 *front = lane.recording.front().unwrap_or(*front).max(*front);
                 step
             }
@@ -157,9 +149,10 @@ impl Group {
             Step::End => {
                 let lane = self.open.remove(at).lane;
                 self.taken.extend_from_slice(lane.recording.taken());
-                GroupStep::Ended(Box::new(lane))
+                Step::File(Box::new(lane))
             }
-            step => GroupStep::Step(step),
+            Step::Event(event, place) => Step::Event(event, place),
+            _ => Step::More,
         }
     }
 

@@ -5,7 +5,7 @@ mod joins;
 mod lane;
 mod listing;
 
-use self::group::{Group, GroupStep, Read};
+use self::group::{Group, Read};
 pub(super) use self::joins::KEPT_UNDER;
 use self::joins::{Ended, Joins};
 use self::lane::{Lane, Stamp, has_end, stamp};
@@ -196,7 +196,9 @@ impl Folder {
     /// Ends open samples that have waited long enough, unless a file that is there may go on with them.
     fn end_late(&mut self) {
         let is_unread = |lane: &Lane| lane.recording.is_unread();
-        if self.finished.is_none() && self.queue.is_empty() && !self.growing.iter().any(is_unread) {
+        let all_read =
+            self.finished.is_none() && self.queue.is_empty() && !self.growing.iter().any(is_unread);
+        if all_read && self.postponed.is_empty() && self.crowded == 0 {
             let ended = self.joins.end_late();
             self.tell(ended, Vec::new());
         }
@@ -240,8 +242,8 @@ impl Folder {
                 self.joins.tails(),
             );
             return match step {
-                GroupStep::Ended(lane) => self.end_one(group, *lane, watch),
-                GroupStep::Step(step) => {
+                Step::File(lane) => self.end_one(group, *lane, watch),
+                step => {
                     self.finished = Some(group);
                     match step {
                         Step::Event(event, place) => Step::Event(event, place),
@@ -535,6 +537,7 @@ impl Folder {
                 }
                 Ok(Some((lane, span))) => {
                     self.queued.remove(&name);
+                    self.postponed.remove(&name);
                     match (&mut self.finished, span) {
                         (Some(group), Some(span)) => group.add(lane, begins, span),
                         (finished, span) => {

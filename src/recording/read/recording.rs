@@ -511,10 +511,10 @@ impl Source for Recording {
         let taken = self.router.take_taken();
         self.router = Router::of(Vec::new());
         // With none of its records told, these are as the file before left them.
-        match self.records {
-            0 => self.left = taken,
-            _ => self.router.keep_taken(taken),
+        if self.records == 0 {
+            self.left.clone_from(&taken);
         }
+        self.router.keep_taken(taken);
         self.summary.damage = Some(format!("{}: {why}; nothing of it was used", self.summary.file));
     }
 }

@@ -64,9 +64,11 @@ impl Stream {
     /// Does something with a recording that has the rods of the stream meanwhile.
     fn with<T>(&mut self, recording: &mut Recording, work: impl FnOnce(&mut Recording) -> T) -> T {
         recording.swap_rods(&mut self.rods);
-        let result = work(recording);
-        recording.swap_rods(&mut self.rods);
-        result
+        let swapped = Swapped {
+            rods: &mut self.rods,
+            recording,
+        };
+        work(&mut *swapped.recording)
     }
 
     /// Takes the next step of one of its recordings, which passes on nothing logged after `limit` \[ns\].
@@ -102,6 +104,18 @@ impl Stream {
     /// The events of what ended with its last file, and what that left open for files that go on there.
     pub fn into_ended(self) -> (Vec<(Event, Place)>, Vec<Tail>) {
         (self.events, self.left)
+    }
+}
+
+/// Gives the rods back to their stream, even if the recording panics: those of the other files are whole.
+struct Swapped<'a> {
+    rods: &'a mut Vec<Rod>,
+    recording: &'a mut Recording,
+}
+
+impl Drop for Swapped<'_> {
+    fn drop(&mut self) {
+        self.recording.swap_rods(self.rods);
     }
 }
 

@@ -31,7 +31,7 @@ pub struct Tail {
 }
 
 /// One sensor of the rod.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Lane {
     /// Channels and settings with which its samples were cut.
     cut_by: String,
@@ -190,8 +190,14 @@ impl Tails {
             {
                 return Err(tail);
             }
-            let before = waiting.insert(tail.rod.clone(), (tail, Instant::now()));
-            Ok(before.map(|(tail, _)| tail))
+            let (to, rod) = (tail.to, tail.rod.clone());
+            let before = waiting.insert(rod.clone(), (tail, Instant::now()));
+            // The same samples again, of a copy or of a file that was touched, replace themselves.
+            let is_same = |before: &Tail| {
+                let now = waiting.get(&rod).map(|(tail, _)| (&tail.lanes, &tail.moments));
+                before.to == to && now == Some((&before.lanes, &before.moments))
+            };
+            Ok(before.map(|(tail, _)| tail).filter(|before| !is_same(before)))
         })
     }
 
@@ -201,6 +207,11 @@ impl Tails {
             let wanted = waiting.extract_if(.., |_, (tail, since)| is_wanted(tail, *since));
             wanted.map(|(_, (tail, _))| tail).collect()
         })
+    }
+
+    /// True if a rod's waits.
+    pub fn has(&self, rod: &RodId) -> bool {
+        self.all(|waiting| waiting.contains_key(rod))
     }
 
     /// Bytes that all of them take.

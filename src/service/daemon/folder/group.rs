@@ -14,6 +14,11 @@ use std::time::Duration;
 /// Bytes of files beyond which no other joins: a restart reads all of a group again.
 const MOST_BYTES: u64 = 1 << 30;
 
+/// Most files of a group that are open at once.
+const MOST_OPEN: usize = 64;
+/// Bytes in memory beyond which no other file joins.
+const MOST_HELD: usize = 32 << 20;
+
 /// A file of the group that is read.
 struct Open {
     lane: Lane,
@@ -63,7 +68,10 @@ impl Group {
 
     /// True if other files may join it.
     pub(super) fn is_open(&self) -> bool {
-        self.stream.is_some() && self.bytes <= MOST_BYTES
+        self.stream.is_some()
+            && self.bytes <= MOST_BYTES
+            && self.open.len() < MOST_OPEN
+            && self.held() <= MOST_HELD
     }
 
     /// True if it is read up to the first message of a file, which has this log time.

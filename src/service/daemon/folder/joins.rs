@@ -4,6 +4,7 @@ use crate::analysis::signal::record::{Event, RecordSettings, RodChannels, RodId}
 use crate::recording::read::{Place, Recording, Tail, Tails};
 use crate::service::telemetry::{Fault, Health};
 use crate::site::store::Carry;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -30,35 +31,44 @@ pub(super) struct Ended {
 }
 
 impl Joins {
-    /// Takes up what the store kept. What does not fit the channels and settings any more is left out, and told.
+    /// Takes up what the store kept. What does not fit the channels and settings any more is left out, and told; with the rows to be
+    /// removed.
     pub(super) fn new(
         kept: &[Carry],
         channels: &[RodChannels],
         settings: &RecordSettings,
         wait: Duration,
         health: Arc<Health>,
-    ) -> Self {
+    ) -> (Self, Ended) {
         let tails = Tails::new(*settings);
+        let mut ended = Ended::default();
         for carry in kept {
             let found = Tail::decode(&carry.body).filter(|tail| tail.fits(channels, settings));
             match found {
                 Some(tail) => drop(tails.put(tail)),
-                None => health.fault(
-                    Fault::Recording,
-                    format!(
-                        "rod {}: the samples that its latest file in the watched folder left open come from other channels or record \
-                         settings, or from another version of the program; they are left out",
-                        carry.journal.trim_start_matches(KEPT_UNDER)
-                    ),
-                ),
+                None => {
+                    ended.kept.push(Carry {
+                        body: Vec::new(),
+                        ..carry.clone()
+                    });
+                    health.fault(
+                        Fault::Recording,
+                        format!(
+                            "rod {}: the samples that its latest file in the watched folder left open come from other channels or record \
+                             settings, or from another version of the program; they are left out",
+                            carry.journal.trim_start_matches(KEPT_UNDER)
+                        ),
+                    );
+                }
             }
         }
-        Self {
+        let joins = Self {
             tails,
             wait,
             channels: channels.to_vec(),
             health,
-        }
+        };
+        (joins, ended)
     }
 
     /// Lets a file go on with what others left open.
@@ -85,8 +95,9 @@ impl Joins {
 
     /// Takes what files left open at their end, and had `taken` before; `is_in_use` says which rods' samples are being read.
     pub(super) fn left(&self, left: Vec<Tail>, taken: &[Tail], is_in_use: impl Fn(&RodId) -> bool) -> Ended {
-        let stays = |taken: &&Tail| !left.iter().any(|tail| tail.rod == taken.rod);
-        let gone = taken.iter().filter(stays);
+        let is_gone =
+            |taken: &&Tail| !left.iter().any(|tail| tail.rod == taken.rod) && !self.tails.has(&taken.rod);
+        let gone = taken.iter().filter(is_gone);
         let mut ended = Ended {
             events: Vec::new(),
             kept: gone.map(|tail| carry(&tail.rod, Vec::new())).collect(),
@@ -142,15 +153,17 @@ impl Joins {
     }
 
     fn events(&self, tail: &Tail) -> Vec<(Event, Place)> {
-        tail.ended(&self.channels, self.tails.settings())
-            .unwrap_or_else(|| {
-                let detail = format!(
-                    "{}: the samples of rod {} that it left open cannot be read; they are left out",
-                    tail.file, tail.rod
-                );
-                self.health.fault(Fault::Recording, detail);
-                Vec::new()
-            })
+        let ended = catch_unwind(AssertUnwindSafe(|| {
+            tail.ended(&self.channels, self.tails.settings())
+        }));
+        ended.unwrap_or_default().unwrap_or_else(|| {
+            let detail = format!(
+                "{}: the samples of rod {} that it left open cannot be read; they are left out",
+                tail.file, tail.rod
+            );
+            self.health.fault(Fault::Recording, detail);
+            Vec::new()
+        })
     }
 }
 

@@ -39,6 +39,8 @@ pub(super) struct Lane {
     pub(super) grew: Instant,
     /// True if another file has its name now.
     pub(super) is_replaced: bool,
+    /// True if all of it that was there has been read once.
+    pub(super) has_rested: bool,
     /// Bytes in memory after its latest step.
     pub(super) held: usize,
 }
@@ -75,6 +77,7 @@ impl Lane {
             stamp,
             grew: Instant::now(),
             is_replaced: false,
+            has_rested: false,
             held: 0,
         })
     }
@@ -89,7 +92,10 @@ impl Lane {
         let step = self.guard.poll(&mut self.recording, &self.input, watch, health);
         self.held = self.recording.held();
         match step {
-            Step::Wait => return self.wait(settle),
+            Step::Wait => {
+                self.has_rested = true;
+                return self.wait(settle);
+            }
             // A growing file was read as far as it is now; a finished one as it was when it was opened, so that
             // whatever came later is seen.
             Step::End if self.is_live => {

@@ -118,13 +118,14 @@ impl Folder {
         let done = marks
             .values()
             .filter_map(|mark| Some((name_of(&mark.name)?, (mark.size, mark.modified_ns))));
-        Self {
+        let (joins, ended) = Joins::new(&remembered.open, channels, settings, join, Arc::clone(&health));
+        let mut folder = Self {
             path: path.into(),
             has_subfolders,
             settle,
             channels: channels.to_vec(),
             settings: *settings,
-            joins: Joins::new(&remembered.open, channels, settings, join, Arc::clone(&health)),
+            joins,
             ready: VecDeque::new(),
             health,
             done: done.collect(),
@@ -143,7 +144,9 @@ impl Folder {
             is_turn_of_growing: false,
             crowded: 0,
             catches_up: true,
-        }
+        };
+        folder.tell(ended, Vec::new());
+        folder
     }
 
     /// True while finished files that were present at the start are read: side by side with the journal, by the time of their data.
@@ -195,7 +198,7 @@ impl Folder {
 
     /// Ends open samples that have waited long enough, unless a file that is there may go on with them.
     fn end_late(&mut self) {
-        let is_unread = |lane: &Lane| lane.recording.is_unread();
+        let is_unread = |lane: &Lane| lane.recording.is_unread() || !lane.has_rested;
         let all_read =
             self.finished.is_none() && self.queue.is_empty() && !self.growing.iter().any(is_unread);
         if all_read && self.postponed.is_empty() && self.crowded == 0 {

@@ -338,6 +338,22 @@ fn same_rows(site: &Site, messages: &[mcap::Message<'static>], seeds: std::ops::
 /// A daemon, ended when it is dropped.
 pub(super) struct Daemon(pub(super) Child);
 
+impl Daemon {
+    /// Starts it with the site's configuration; its log goes on.
+    pub(super) fn start(site: &Site) -> Self {
+        let log = File::options()
+            .create(true)
+            .append(true)
+            .open(site.path("daemon.log"))
+            .unwrap();
+        let run = site
+            .command(&["run", "--config", "site.toml"])
+            .stderr(log)
+            .spawn();
+        Self(run.unwrap())
+    }
+}
+
 impl Drop for Daemon {
     fn drop(&mut self) {
         let _ = self.0.kill();
@@ -355,12 +371,7 @@ fn what_is_sent_live_gives_the_rows_of_its_replay() {
     let plain = fs::read_to_string(site.path("site.toml")).unwrap();
     fs::write(site.path("site.toml"), plain + &operation).unwrap();
     let expected = replayed(&site, &[site.path("whole.mcap")], "whole.db");
-    let log = File::create(site.path("daemon.log")).unwrap();
-    let run = site
-        .command(&["run", "--config", "site.toml"])
-        .stderr(log)
-        .spawn();
-    let mut daemon = Daemon(run.unwrap());
+    let mut daemon = Daemon::start(&site);
     let until = Instant::now() + DEADLINE;
     while !site.path("in.sock").exists() {
         assert!(Instant::now() < until && daemon.0.try_wait().unwrap().is_none());

@@ -7,7 +7,7 @@ use crate::site::*;
 use mcap::Message;
 use rand::RngExt;
 use serde_json::Value;
-use std::fs::{self, File};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread;
@@ -341,16 +341,7 @@ fn by_rod(site: &Site, store: &str) -> String {
 /// Starts the daemon and waits until its socket answers.
 fn daemon(site: &Site, socket: &Path) -> Daemon {
     let _ = fs::remove_file(socket);
-    let log = File::options()
-        .create(true)
-        .append(true)
-        .open(site.path("daemon.log"))
-        .unwrap();
-    let run = site
-        .command(&["run", "--config", "site.toml"])
-        .stderr(log)
-        .spawn();
-    let mut daemon = Daemon(run.unwrap());
+    let mut daemon = Daemon::start(site);
     let until = Instant::now() + DEADLINE;
     while !socket.exists() {
         assert!(Instant::now() < until && daemon.0.try_wait().unwrap().is_none());

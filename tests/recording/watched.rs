@@ -42,19 +42,6 @@ fn cut(folder: &Path, messages: &[Message<'static>], seed: u64) -> Vec<PathBuf> 
     cuts.windows(2).enumerate().map(write_one).collect()
 }
 
-fn start(site: &Site) -> Daemon {
-    let log = File::options()
-        .create(true)
-        .append(true)
-        .open(site.path("daemon.log"))
-        .unwrap();
-    let run = site
-        .command(&["run", "--config", "site.toml"])
-        .stderr(log)
-        .spawn();
-    Daemon(run.unwrap())
-}
-
 /// Waits until the daemon's store has the expected rows.
 fn wait_for_rows(site: &Site, expected: &str, what: &str) {
     let until = Instant::now() + DEADLINE;
@@ -80,7 +67,7 @@ fn files_cut_anywhere_give_the_rows_of_the_whole() {
     let (site, messages, expected) = watched(1.0);
     for seed in 0..3 {
         cut(&site.path("in"), &messages, seed);
-        let daemon = start(&site);
+        let daemon = Daemon::start(&site);
         wait_for_rows(&site, &expected, &format!("seed {seed}"));
         // The last samples have waited in vain, and nothing of them is kept.
         let until = Instant::now() + DEADLINE;
@@ -124,7 +111,7 @@ fn in_any_packaging(seeds: std::ops::Range<u64>) {
     for seed in seeds {
         fs::remove_dir_all(site.path("in")).unwrap();
         packaged(&site.path("in"), &messages, seed);
-        let daemon = start(&site);
+        let daemon = Daemon::start(&site);
         wait_for_rows(&site, &expected, &format!("seed {seed}"));
         drop(daemon);
         forget(&site);
@@ -144,12 +131,12 @@ fn kills_between_files_and_within_lose_no_open_sample() {
     for (away, path) in &away {
         fs::rename(away, path).unwrap();
         for _ in 0..3 {
-            let daemon = start(&site);
+            let daemon = Daemon::start(&site);
             thread::sleep(Duration::from_millis(rng.random_range(50..1500)));
             drop(daemon);
         }
     }
-    let _daemon = start(&site);
+    let _daemon = Daemon::start(&site);
     wait_for_rows(&site, &expected, "at the end");
 }
 
@@ -159,7 +146,7 @@ fn growing_files_go_on_where_the_last_one_ended() {
     let whole = site.path("away");
     fs::create_dir(&whole).unwrap();
     let paths = cut(&whole, &messages, 11);
-    let _daemon = start(&site);
+    let _daemon = Daemon::start(&site);
     for path in &paths {
         let bytes = fs::read(path).unwrap();
         let mut file = File::create(site.path("in").join(path.file_name().unwrap())).unwrap();

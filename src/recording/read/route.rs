@@ -8,6 +8,7 @@ mod rod;
 mod streams;
 mod timed;
 
+pub(super) use memory::held;
 pub(super) use rod::{Files, Rod};
 pub(super) use timed::Timed;
 

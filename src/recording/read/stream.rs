@@ -1,7 +1,7 @@
 //! Files that are read side by side as one: their rods, and the order of their turns.
 
 use super::folder::Span;
-use super::route::{Rod, Router};
+use super::route::{Rod, Router, held};
 use super::tail::{Tail, Tails};
 use super::{Event, Place, Recording, Source, Step};
 use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};
@@ -55,10 +55,7 @@ impl Stream {
 
     /// Bytes of samples not yet in a record, and of records that wait for other sensors.
     pub fn held(&self) -> usize {
-        self.rods
-            .iter()
-            .map(|rod| rod.assembler.held() + rod.waiting())
-            .sum()
+        held(&self.rods)
     }
 
     /// Does something with a recording that has the rods of the stream meanwhile.
@@ -127,7 +124,7 @@ pub struct Member<'a> {
     pub stream: &'a mut Stream,
     /// Log time up to which it is read \[ns\].
     pub limit: u64,
-    /// What takes the open samples, if it is the last of its stream that is read.
+    /// Receiver of the open samples, if it is the last of its stream that is read.
     pub last: Option<&'a Tails>,
 }
 

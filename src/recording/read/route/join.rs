@@ -1,6 +1,6 @@
 //! Rods that go on where an earlier file ended, and leave their open samples to the next.
 
-use super::{Router, Timed};
+use super::{Router, Timed, held};
 use crate::analysis::signal::record::RodId;
 use crate::recording::read::tail::{Tail, Tails};
 use std::sync::Arc;
@@ -64,11 +64,7 @@ impl Router {
         self.go_on_to_the_end();
         let mut counts = self.counts.iter();
         for lanes in self.rods.chunk_by_mut(|_, next| next.sensor > 0) {
-            let open: usize = lanes
-                .iter()
-                .map(|lane| lane.assembler.held() + lane.waiting())
-                .sum();
-            lanes[0].is_begun &= open <= MOST_OPEN;
+            lanes[0].is_begun &= held(lanes) <= MOST_OPEN;
             let leaves = lanes[0].is_begun;
             for (rod, count) in lanes.iter_mut().zip(&mut counts) {
                 match leaves {

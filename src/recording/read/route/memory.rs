@@ -1,17 +1,21 @@
 //! Bound on the samples of all rods that are in no record yet.
 
-use super::Router;
+use super::{Rod, Router};
 use crate::recording::read::lanes;
 use std::cmp::Reverse;
 
 /// Growth of the rods' samples after which their memory is checked again \[bytes\].
 pub(super) const WEIGHED_EVERY: usize = 1 << 20;
 
+/// Bytes of rods' samples that are not yet in a record or a moment.
+pub(in crate::recording::read) fn held(rods: &[Rod]) -> usize {
+    rods.iter().map(|rod| rod.assembler.held() + rod.waiting()).sum()
+}
+
 impl Router {
     /// Bytes of samples of all rods that are not yet in a record or a moment.
     pub fn held(&self) -> usize {
-        let rods = self.rods.iter();
-        rods.map(|rod| rod.assembler.held() + rod.waiting()).sum()
+        held(&self.rods)
     }
 
     /// Sets the bytes of samples beyond which the longest stretch becomes a record.

@@ -76,7 +76,7 @@ impl Files {
 
 impl Rod {
     /// Bytes of the records that wait for the rod's other sensors.
-    pub(in crate::recording::read) fn waiting(&self) -> usize {
+    pub(super) fn waiting(&self) -> usize {
         let waiting = self.moments.iter().flat_map(Moments::waiting);
         waiting.map(|event| 8 * event.samples()).sum()
     }

@@ -36,7 +36,7 @@ pub(super) struct Read {
 
 /// Files that are read as one.
 pub(super) struct Group {
-    /// What they share; `None` for a file that is read on its own: without a summary, or suspected of ending the program.
+    /// Rods that they share; `None` for a file that is read on its own: without a summary, or suspected of ending the program.
     stream: Option<Stream>,
     open: Vec<Open>,
     read: Vec<Read>,

@@ -81,7 +81,7 @@ impl Joins {
         self.tails.held()
     }
 
-    /// What files share who go on with each other.
+    /// Pool from which files take, and into which they leave.
     pub(super) fn tails(&self) -> &Tails {
         &self.tails
     }

@@ -91,18 +91,33 @@ pub(super) fn write<'m>(
     messages: impl Iterator<Item = &'m mcap::Message<'static>>,
     chunk_bytes: Option<u64>,
 ) {
+    write_as(path, messages, chunk_bytes, true);
+}
+
+fn write_as<'m>(
+    path: &Path,
+    messages: impl Iterator<Item = &'m mcap::Message<'static>>,
+    chunk_bytes: Option<u64>,
+    has_summary: bool,
+) {
     let mut writer = mcap::WriteOptions::new()
         .use_chunks(chunk_bytes.is_some())
         .chunk_size(chunk_bytes)
         .compression(None)
+        .emit_statistics(has_summary)
+        .emit_summary_offsets(has_summary)
+        .emit_message_indexes(has_summary)
+        .emit_chunk_indexes(has_summary)
+        .repeat_channels(has_summary)
+        .repeat_schemas(has_summary)
         .create(BufWriter::new(File::create(path).unwrap()))
         .unwrap();
     messages.for_each(|message| writer.write(message).unwrap());
     writer.finish().unwrap();
 }
 
-/// Writes the messages as files in a folder of their own: chunks of any size, cut at any messages, by topics or not, and
-/// named in any order.
+/// Writes the messages as files in a folder of their own: chunks of any size, cut at any messages, by topics or not, with a summary or not,
+/// and named in any order.
 pub(super) fn packaged(folder: &Path, messages: &[mcap::Message<'static>], seed: u64) -> Vec<PathBuf> {
     fs::create_dir(folder).unwrap();
     let mut rng = random::stream(seed, 0);
@@ -135,7 +150,8 @@ pub(super) fn packaged(folder: &Path, messages: &[mcap::Message<'static>], seed:
         cuts.sort_unstable();
         for pair in cuts.windows(2).filter(|pair| pair[0] < pair[1]) {
             let path = folder.join(format!("{:08x}.mcap", rng.random::<u32>()));
-            write(&path, mine[pair[0]..pair[1]].iter().copied(), chunk(&mut rng));
+            let messages = mine[pair[0]..pair[1]].iter().copied();
+            write_as(&path, messages, chunk(&mut rng), rng.random_bool(0.7));
             paths.push(path);
         }
     }

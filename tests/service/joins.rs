@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use tirante::analysis::signal::record::Event;
+use tirante::analysis::signal::record::{Event, Record};
 use tirante::recording::read::Step;
 use tirante::recording::read::folder::recordings;
 use tirante::recording::read::recordings::Recordings;
@@ -21,10 +21,14 @@ use tirante::site::driver::Job;
 const LONG_S: f64 = 3600.0;
 
 fn run(folder: &Path, join_s: f64, remembered: Remembered) -> Run {
+    settling(folder, 600.0, join_s, remembered)
+}
+
+fn settling(folder: &Path, settle_s: f64, join_s: f64, remembered: Remembered) -> Run {
     let sources = Sources {
         folder: Some(folder.to_owned()),
         subfolders: false,
-        settle_s: 600.0,
+        settle_s,
         join_s,
         journal: None,
     };
@@ -33,7 +37,12 @@ fn run(folder: &Path, join_s: f64, remembered: Remembered) -> Run {
 
 /// One recording of 65 s, cut into files at these seconds; windows are 10 s.
 fn cut(folder: &Path, at_s: &[f64]) {
-    let whole = measured(0.0, 65.0);
+    cut_of(65.0, folder, at_s);
+}
+
+/// One recording of so many seconds, cut into files of small chunks.
+fn cut_of(seconds: f64, folder: &Path, at_s: &[f64]) {
+    let whole = measured(0.0, seconds);
     let messages: Vec<mcap::Message<'_>> = mcap::MessageStream::new(&whole)
         .unwrap()
         .map(|message| message.unwrap())
@@ -44,7 +53,10 @@ fn cut(folder: &Path, at_s: &[f64]) {
     let mut from = f64::MIN;
     for (number, to) in ends.enumerate() {
         let file = fs::File::create(folder.join(format!("{number}.mcap"))).unwrap();
-        let mut writer = mcap::Writer::new(std::io::BufWriter::new(file)).unwrap();
+        let options = mcap::WriteOptions::new().chunk_size(Some(4000));
+        // Chunks that can be read while the file grows.
+        let options = options.disable_seeking(true);
+        let mut writer = options.create(mcap::write::NoSeek::new(file)).unwrap();
         let mine = messages
             .iter()
             .filter(|message| (from..to).contains(&second(message)));
@@ -54,12 +66,18 @@ fn cut(folder: &Path, at_s: &[f64]) {
     }
 }
 
-fn identities(run: &Run) -> Vec<[u8; 32]> {
-    run.records.iter().map(|(_, record)| record.identity()).collect()
+/// Beginning in seconds, and hash.
+fn identity(record: &Record) -> String {
+    let [a, b, c, ..] = record.identity();
+    format!("{:.3} {a:02x}{b:02x}{c:02x}", record.start.seconds_since(START))
+}
+
+fn identities(run: &Run) -> Vec<String> {
+    run.records.iter().map(|(_, record)| identity(record)).collect()
 }
 
 /// Records of a replay of the folder.
-fn replayed(folder: &Path) -> Vec<[u8; 32]> {
+fn replayed(folder: &Path) -> Vec<String> {
     let generation = generation(10.0);
     let channels = generation.config.rods.iter().map(|rod| rod.channels.clone());
     let read = Recordings::new(
@@ -70,7 +88,7 @@ fn replayed(folder: &Path) -> Vec<[u8; 32]> {
         Arc::default(),
     );
     let records = read.filter_map(|step| match step {
-        Step::Event(Event::Record(record), _) => Some(record.identity()),
+        Step::Event(Event::Record(record), _) => Some(identity(&record)),
         _ => None,
     });
     records.collect()
@@ -246,4 +264,125 @@ fn another_cut_ends_what_is_open_before_it_holds() {
     assert_eq!(second.health.count(Fault::Recording), 1);
     fs::write(folder.path().join("b.mcap"), measured(15.0, 15.0)).unwrap();
     assert_eq!(told(&mut second), ["record 15", "b.mcap"]);
+}
+
+/// Rows of open samples that are kept.
+fn kept(run: &Run) -> Vec<&str> {
+    let open = &run.remembered.open;
+    open.iter().map(|carry| carry.journal.as_str()).collect()
+}
+
+/// Leaves a part of a file in the folder; returns the whole.
+fn shorten(path: &Path, part: f64) -> Vec<u8> {
+    let whole = fs::read(path).unwrap();
+    fs::write(path, &whole[..(whole.len() as f64 * part) as usize]).unwrap();
+    whole
+}
+
+#[test]
+fn a_file_that_rested_and_grows_on_begins_again_with_what_it_had_gone_on_with() {
+    for is_restarted in [false, true] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("1.mcap");
+        cut(folder.path(), &[17.3]);
+        let expected = replayed(folder.path());
+        assert_eq!(expected.len(), 6);
+        let whole = shorten(&path, 0.6);
+        let mut run = settling(folder.path(), 1.5, LONG_S, Remembered::default());
+        run.until("its rest", |run| run.done("1.mcap"));
+        assert_eq!(kept(&run), ["begun/laser/1.mcap"]);
+        let mut found = identities(&run);
+        assert!(found.len() > 2 && expected.starts_with(&found));
+        if is_restarted {
+            let remembered = run.remembered.clone();
+            run.reader.stop();
+            run = settling(folder.path(), 1.5, LONG_S, remembered);
+        }
+        fs::write(&path, &whole).unwrap();
+        let size = whole.len() as u64;
+        run.until("its end", |run| run.remembered.files["1.mcap"].size == size);
+        for identity in identities(&run) {
+            if !found.contains(&identity) {
+                found.push(identity);
+            }
+        }
+        assert_eq!(found, expected);
+        assert_eq!(kept(&run), ["folder/laser"]);
+    }
+}
+
+#[test]
+fn what_a_file_that_is_gone_began_with_is_forgotten() {
+    let folder = tempfile::tempdir().unwrap();
+    cut(folder.path(), &[17.3]);
+    let path = folder.path().join("1.mcap");
+    shorten(&path, 0.6);
+    let mut run = settling(folder.path(), 1.5, LONG_S, Remembered::default());
+    run.until("its rest", |run| run.done("1.mcap"));
+    fs::remove_file(&path).unwrap();
+    run.until("no row", |run| run.remembered.open.is_empty());
+}
+
+#[test]
+fn a_younger_growing_file_waits_for_what_an_elder_one_has_not_told_yet() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    // The elder has the later name.
+    cut_of(205.0, folder.path(), &[133.3]);
+    fs::rename(at("1.mcap"), at("a.mcap")).unwrap();
+    fs::rename(at("0.mcap"), at("b.mcap")).unwrap();
+    let expected = replayed(folder.path());
+    assert_eq!(expected.len(), 20);
+    let (elder, younger) = (shorten(&at("b.mcap"), 0.95), fs::read(at("a.mcap")).unwrap());
+    fs::remove_file(at("a.mcap")).unwrap();
+    let mut run = run(folder.path(), LONG_S, Remembered::default());
+    // Nobody takes the jobs: reading stands still within the elder, and goes on with a look into the folder.
+    std::thread::sleep(Duration::from_millis(1500));
+    fs::write(at("b.mcap"), elder).unwrap();
+    fs::write(at("a.mcap"), &younger[..younger.len() / 2]).unwrap();
+    run.until("records of both", |run| run.records.len() > 14);
+    fs::write(at("a.mcap"), younger).unwrap();
+    run.until("both", |run| run.done("a.mcap") && run.done("b.mcap"));
+    assert_eq!(identities(&run), expected);
+}
+
+#[test]
+fn files_that_are_cut_short_give_the_records_of_the_replay_growing_or_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    cut(folder.path(), &[17.3, 42.0]);
+    beside(folder.path());
+    // The elder has the later name.
+    fs::rename(at("2.mcap"), at("a.mcap")).unwrap();
+    fs::rename(at("1.mcap"), at("b.mcap")).unwrap();
+    shorten(&at("b.mcap"), 0.7);
+    let finished = replayed(folder.path());
+    let starts: Vec<&str> = finished
+        .iter()
+        .filter_map(|record| record.split(' ').next())
+        .collect();
+    assert_eq!(starts, ["0.000", "10.000", "20.000", "42.000", "52.000"]);
+    // What was not written to for long is not taken to grow.
+    let mut whole = settling(folder.path(), 0.0, LONG_S, Remembered::default());
+    whole.until("all files", |run| run.remembered.files.len() == 4);
+    assert_eq!(identities(&whole), finished);
+
+    shorten(&at("a.mcap"), 0.7);
+    let expected = replayed(folder.path());
+    let away = tempfile::tempdir().unwrap();
+    for name in ["a.mcap", "b.mcap"] {
+        fs::rename(at(name), away.path().join(name)).unwrap();
+    }
+    let mut first = run(folder.path(), LONG_S, Remembered::default());
+    first.until("the first files", |run| run.remembered.files.len() == 2);
+    let (mut found, remembered) = (identities(&first), first.remembered.clone());
+    first.reader.stop();
+    // The recorder ended within one and began another, and the daemon starts anew.
+    for name in ["a.mcap", "b.mcap"] {
+        fs::copy(away.path().join(name), at(name)).unwrap();
+    }
+    let mut second = run(folder.path(), LONG_S, remembered);
+    second.until_quiet();
+    found.extend(identities(&second));
+    assert_eq!(found, expected);
 }

@@ -1,9 +1,11 @@
 //! Expands paths of the command line to recordings, in the order of their data.
 
 use super::SourceError;
+use super::mcap::{Item, Message, Progress, Reader};
+use super::verify::Trust;
 use super::wire::Fields;
 use crate::recording::part;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::fs::{self, File};
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -84,7 +86,7 @@ pub struct Span {
     pub topics: BTreeSet<String>,
 }
 
-/// Times of the earliest and latest message of a finished file \[ns since 1970\], by the summary at its end.
+/// Times of the earliest and latest message of a finished file \[ns since 1970\], by the summary at its end, or by all of them.
 pub fn span(path: &Path) -> Option<(u64, u64)> {
     span_at(path).map(|span| (span.from, span.to))
 }
@@ -92,16 +94,49 @@ pub fn span(path: &Path) -> Option<(u64, u64)> {
 /// Longest summary that is read \[bytes\].
 const MAX_SUMMARY: u64 = 16 << 20;
 
-/// Span by the summary at the end of a finished file; `None` without one.
+/// Longest file without a summary that is read for its span \[bytes\].
+const MAX_READ: u64 = 1 << 30;
+
+/// Span of a finished file; `None` if it has no message, or has no summary and is long.
 pub(super) fn span_at(path: &Path) -> Option<Span> {
     if !fs::metadata(path).ok()?.is_file() {
         return None;
     }
-    span_in(&File::open(path).ok()?)
+    let file = File::open(path).ok()?;
+    span_by_summary(&file).or_else(|| span_by_reading(&file))
 }
 
-/// The same of an open file.
-pub fn span_in(mut file: &File) -> Option<Span> {
+/// Span by all messages, which takes as long as reading the file: it was cut short, or its writer leaves the summary out.
+pub fn span_by_reading(mut file: &File) -> Option<Span> {
+    if file.metadata().ok()?.len() > MAX_READ {
+        return None;
+    }
+    file.seek(SeekFrom::Start(0)).ok()?;
+    let mut reader = Reader::new(file, Trust::Unverified, false);
+    let (mut topics, mut used) = (HashMap::new(), BTreeSet::new());
+    let mut times: Option<(u64, u64)> = None;
+    // Where it is damaged, its messages end for those as well that use them.
+    while let Ok(Progress::More) = reader.step(&mut |item| match item {
+        Item::Channel(id, channel, _) => drop(topics.insert(id, channel.topic.clone())),
+        Item::Message(Message {
+            channel, log_time, ..
+        }) => {
+            let (from, to) = times.get_or_insert((log_time, log_time));
+            (*from, *to) = (log_time.min(*from), log_time.max(*to));
+            used.insert(channel);
+        }
+        Item::Unverified | Item::Hole(_) => {}
+    }) {}
+    topics.retain(|id, _| used.contains(id));
+    times.map(|(from, to)| Span {
+        from,
+        to,
+        topics: topics.into_values().collect(),
+    })
+}
+
+/// Span by the summary at the end of an open file; `None` without one.
+pub fn span_by_summary(mut file: &File) -> Option<Span> {
     let mut end = [0u8; 37];
     let footer_at = file.seek(SeekFrom::End(-37)).ok()?;
     file.read_exact(&mut end).ok()?;

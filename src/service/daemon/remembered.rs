@@ -1,6 +1,6 @@
 //! State of the sources in the store, from which reading goes on after a start.
 
-use super::folder::KEPT_UNDER;
+use super::folder::{BEGUN_UNDER, KEPT_UNDER};
 use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::part;
 use crate::recording::read::series::modified_ns;
@@ -20,7 +20,7 @@ pub struct Remembered {
     pub files: BTreeMap<String, FileMark>,
     /// State that the journal's read parts left open, kept under [`JOURNAL`].
     pub carry: Option<Carry>,
-    /// Samples that the watched folder's files left open, a rod each.
+    /// Samples that the watched folder's files left open, or began with, a rod each.
     pub open: Vec<Carry>,
 }
 
@@ -43,7 +43,7 @@ impl Remembered {
         Ok(Self {
             files: store.files()?,
             carry: store.carry(JOURNAL)?,
-            open: store.carries(KEPT_UNDER)?,
+            open: [store.carries(KEPT_UNDER)?, store.carries(BEGUN_UNDER)?].concat(),
         })
     }
 

@@ -32,6 +32,8 @@ pub(super) struct Read {
     pub(super) stamp: Stamp,
     pub(super) mark: FileMark,
     pub(super) summary: Summary,
+    /// Open samples of earlier files that it went on with, if it may be read again; `None` if it changes nothing in what is known of them.
+    pub(super) begun: Option<Vec<Tail>>,
 }
 
 /// Files that are read as one.

@@ -25,6 +25,14 @@ pub(super) fn stamp(data: &Metadata) -> Stamp {
     (data.len(), data.modified().map_or(0, modified_ns))
 }
 
+/// A file for a trial.
+pub(super) fn input(folder: &Path, name: &OsStr, is_live: bool) -> Input {
+    Input::File {
+        path: folder.join(name).into_os_string().into_vec(),
+        is_live,
+    }
+}
+
 /// A file that is being read.
 pub(super) struct Lane {
     pub(super) name: OsString,
@@ -41,6 +49,12 @@ pub(super) struct Lane {
     pub(super) is_replaced: bool,
     /// True if all of it that was there has been read once.
     pub(super) has_rested: bool,
+    /// Log time of its first message \[ns since 1970\], once it has one and another growing file may go on where it ends.
+    pub(super) begins: Option<u64>,
+    /// Growing files that began before it and are read first; `None` before its first message.
+    pub(super) elders: Option<Vec<OsString>>,
+    /// True if a younger file waits until this one is read as far as it is.
+    pub(super) is_behind: bool,
     /// Bytes in memory after its latest step.
     pub(super) held: usize,
 }
@@ -68,16 +82,16 @@ impl Lane {
             label: Arc::from(label),
             recording,
             guard: Guard::default(),
-            input: Input::File {
-                path: folder.join(name).into_os_string().into_vec(),
-                is_live,
-            },
+            input: self::input(folder, name, is_live),
             file,
             is_live,
             stamp,
             grew: Instant::now(),
             is_replaced: false,
             has_rested: false,
+            begins: None,
+            elders: None,
+            is_behind: false,
             held: 0,
         })
     }
@@ -94,6 +108,7 @@ impl Lane {
         match step {
             Step::Wait => {
                 self.has_rested = true;
+                self.is_behind = false;
                 return self.wait(settle);
             }
             // A growing file was read as far as it is now; a finished one as it was when it was opened, so that

@@ -1,44 +1,38 @@
 //! The watched folder: finds recordings to read, and reads them one step at a time.
 
 mod group;
+mod growing;
 mod joins;
 mod lane;
 mod listing;
+mod scan;
 
 use self::group::{Group, Read};
-pub(super) use self::joins::KEPT_UNDER;
+pub(super) use self::joins::{BEGUN_UNDER, KEPT_UNDER};
 use self::joins::{Ended, Joins};
-use self::lane::{Lane, Stamp, has_end, stamp};
-use self::listing::{Entry, Listing, label, name_of};
+use self::lane::{Lane, Stamp, has_end, input, stamp};
+use self::listing::{label, name_of};
+use super::places::Steps;
+use super::quarantine::place_step;
 use super::remembered::Remembered;
+use super::steps::Aside;
 use super::supervision::Watch;
+use super::trial::Input;
 use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};
-use crate::recording::read::folder::{first_time, span_in};
+use crate::recording::read::folder::{Span, span_by_reading, span_by_summary};
 use crate::recording::read::recordings::FileResult;
 use crate::recording::read::{HELD, Step, Stream};
 use crate::service::telemetry::{Beat, Fault, Health};
 use crate::site::store::{Carry, FileMark, FileState};
-use rustix::fs::{Mode, OFlags};
-use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
-use std::ffi::{OsStr, OsString};
+use std::collections::{BTreeSet, HashMap, HashSet, VecDeque};
+use std::ffi::OsString;
 use std::fs::{File, Metadata};
 use std::io;
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant, SystemTime};
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
 
-/// Shortest time between two scans.
-const SCAN_EVERY: Duration = Duration::from_secs(1);
-/// Scans take at most one part in this many of the time.
-const SCAN_SHARE: u32 = 20;
-/// Most growing recordings read at once.
-const MOST_GROWING: usize = 64;
-/// Subject of the condition that there are more.
-const GROWING: &str = "growing recordings";
-/// Most bytes that growing recordings may hold together; beyond, the largest is read when it is finished.
-const GROWING_BYTES: usize = 32 << 20;
 /// Least room for the samples of a recording, whatever the journal and the other recordings hold \[bytes\].
 const LEAST_ROOM: usize = 16 << 20;
 /// Pause before a file that cannot be opened is tried again.
@@ -219,13 +213,7 @@ impl Folder {
             return step;
         }
         self.elsewhere = elsewhere;
-        if Instant::now() >= self.next_scan {
-            let began = Instant::now();
-            self.scan(stop, beat);
-            self.end_late();
-            let took = began.elapsed();
-            self.next_scan = Instant::now() + SCAN_EVERY.max(SCAN_SHARE * took);
-        }
+        self.scan_if_due(stop, beat);
         self.open_finished(watch);
         if self.finished.is_some() {
             self.is_turn_of_growing = !self.is_turn_of_growing && !self.catches_up;
@@ -263,59 +251,12 @@ impl Folder {
         self.step_growing(watch).unwrap_or(Step::Wait)
     }
 
-    /// Takes a step of the next growing file with data.
-    fn step_growing(&mut self, watch: &mut dyn Watch) -> Option<FolderStep> {
-        for _ in 0..self.growing.len() {
-            let mut lane = self.growing.pop_front()?;
-            lane.recording.bound(self.room());
-            let step = lane.step(watch, self.settle, &self.health);
-            match step {
-                None => {
-                    self.joins.give_back(lane.recording.taken().iter());
-                    self.next_scan = Instant::now();
-                }
-                Some(Step::End) => return Some(self.end_growing(lane, watch)),
-                Some(Step::Wait) => self.growing.push_back(lane),
-                Some(Step::More) => {
-                    self.growing.push_back(lane);
-                    self.make_room();
-                    return Some(Step::More);
-                }
-                Some(Step::Event(event, place)) => {
-                    // Events already read are returned before the next file's turn.
-                    self.growing.push_front(lane);
-                    return Some(Step::Event(event, place));
-                }
-            }
-        }
-        None
-    }
-
     /// Room for the samples of a recording: what the journal and all other recordings leave \[bytes\].
     fn room(&self) -> usize {
         let growing: usize = self.growing.iter().map(|lane| lane.held).sum();
         let held = growing + self.finished.as_ref().map_or(0, Group::held);
         let open = self.joins.held();
         HELD.saturating_sub(self.elsewhere + held + open).max(LEAST_ROOM)
-    }
-
-    /// Puts off the largest growing files while all together hold too much: they are begun again when
-    /// finished.
-    fn make_room(&mut self) {
-        while self.growing.len() > 1
-            && self.growing.iter().map(|lane| lane.held).sum::<usize>() > GROWING_BYTES
-            && let Some(at) = (0..self.growing.len()).max_by_key(|at| self.growing[*at].held)
-            && let Some(lane) = self.growing.remove(at)
-        {
-            let detail = format!(
-                "{}: growing files together hold more than {} MiB; it is read when it is finished",
-                lane.label,
-                GROWING_BYTES >> 20
-            );
-            self.health.fault(Fault::Folder, detail);
-            self.joins.give_back(lane.recording.taken().iter());
-            self.postponed.insert(lane.name);
-        }
     }
 
     /// Notes that a file was read to its end.
@@ -328,6 +269,13 @@ impl Folder {
             // One that goes on growing is not worth every scan.
             self.failed.insert(lane.name.clone(), Instant::now() + RETRY);
         }
+        // What has no end of a recording may grow on, and what grew meanwhile is read again from its start.
+        let is_now = |data: Metadata| stamp(&data) == lane.stamp;
+        let is_final = has_end(&lane.file) && lane.file.metadata().is_ok_and(is_now);
+        let begun = match quarantined.is_some() || is_final {
+            true => Some(Vec::new()),
+            false => Some(lane.recording.taken().to_vec()).filter(|taken| !taken.is_empty()),
+        };
         let summary = lane.recording.summary().clone();
         let losses = summary.faults();
         let read = match losses.is_empty() {
@@ -345,16 +293,8 @@ impl Folder {
             stamp: lane.stamp,
             mark,
             summary,
+            begun,
         }
-    }
-
-    /// Ends a growing file.
-    fn end_growing(&mut self, mut lane: Lane, watch: &dyn Watch) -> FolderStep {
-        let read = self.read(&mut lane, watch);
-        let left = lane.recording.take_left();
-        let taken = lane.recording.taken();
-        let ended = self.joins.left(left, taken, |rod| self.is_in_use(rod));
-        self.done_with(ended, vec![read])
     }
 
     /// Ends a finished file; with the last of its group, all of the group are done.
@@ -381,134 +321,22 @@ impl Folder {
             || self.growing.iter().any(|lane| lane.recording.has_begun(rod))
     }
 
-    fn done_with(&mut self, ended: Ended, read: Vec<Read>) -> FolderStep {
+    fn done_with(&mut self, mut ended: Ended, read: Vec<Read>) -> FolderStep {
         let mut files = Vec::with_capacity(read.len());
         for read in read {
             self.done.insert(read.name, read.stamp);
+            if let Some(begun) = read.begun {
+                let kept = self.joins.keep_begun(&read.mark.name, begun);
+                ended.kept.extend(kept);
+            }
             files.push((read.mark, Ok(read.summary)));
         }
         self.tell(ended, files);
         self.ready.pop_front().unwrap_or(Step::More)
     }
 
-    /// Looks for files that are new or changed.
-    fn scan(&mut self, stop: &AtomicBool, beat: &Beat) {
-        let mut there = BTreeSet::new();
-        self.crowded = 0;
-        let mut links = BTreeSet::new();
-        let mut unreadable = BTreeMap::new();
-        for entry in Listing::of(Arc::clone(&self.path), self.has_subfolders) {
-            if stop.load(Ordering::Relaxed) {
-                return;
-            }
-            beat.pass();
-            match entry {
-                Entry::Recording(name, data) => {
-                    self.found(&name, stamp(&data), &data);
-                    there.insert(name);
-                }
-                Entry::Link(name) => {
-                    links.insert(name);
-                }
-                Entry::Unreadable(folder, fault) => {
-                    unreadable.insert(folder, fault);
-                }
-            }
-        }
-        match self.crowded {
-            0 => self.health.over(Fault::Folder, GROWING),
-            more => {
-                let detail = format!(
-                    "{more} recordings more than {MOST_GROWING} grow at once: they are read when others have ended; put the topics of \
-                     several sensors into one recording"
-                );
-                self.health.hold(Fault::Folder, GROWING, detail);
-            }
-        }
-        for name in links.difference(&self.links) {
-            let path = self.path.join(name);
-            let detail = format!("{}: a link, which is not followed", path.display());
-            self.health.fault(Fault::Folder, detail);
-        }
-        self.links = links;
-        for folder in &self.unreadable {
-            if !unreadable.contains_key(folder) {
-                self.health
-                    .over(Fault::Folder, &self.path.join(folder).display().to_string());
-            }
-        }
-        for (folder, fault) in &unreadable {
-            let path = self.path.join(folder).display().to_string();
-            let detail = format!("{path}: the watched folder cannot be read: {fault}");
-            self.health.hold(Fault::Folder, &path, detail);
-        }
-        self.unreadable = unreadable.into_keys().collect();
-        // What lies in a folder that cannot be read now is not gone.
-        let unreadable = &self.unreadable;
-        let is_there = |name: &OsString| {
-            there.contains(name)
-                || unreadable
-                    .iter()
-                    .any(|folder| Path::new(name).starts_with(folder))
-        };
-        // A name that is gone may come back as another file.
-        self.failed.retain(|name, _| is_there(name));
-        self.postponed.retain(is_there);
-        self.done.retain(|name, _| is_there(name));
-        let health = &self.health;
-        self.set_aside.retain(|name| {
-            let stays = is_there(name);
-            if !stays {
-                health.over(Fault::Quarantined, &label(name));
-            }
-            stays
-        });
-    }
-
-    fn found(&mut self, name: &OsStr, stamp: Stamp, data: &Metadata) {
-        if let Some(lane) = self.growing.iter_mut().find(|lane| lane.name == name) {
-            let same = |open: Metadata| (open.dev(), open.ino()) == (data.dev(), data.ino());
-            lane.is_replaced = !lane.file.metadata().is_ok_and(same);
-            return;
-        }
-        let is_waiting = self.failed.get(name).is_some_and(|until| Instant::now() < *until);
-        if self.done.get(name) == Some(&stamp)
-            || self.queued.contains_key(name)
-            || is_waiting
-            || self.finished.as_ref().is_some_and(|group| group.has(name))
-        {
-            return;
-        }
-        let file = match self.open(name) {
-            Ok(file) => file,
-            Err(fault) => return self.cannot_open(name, &fault),
-        };
-        let age = data
-            .modified()
-            .ok()
-            .and_then(|modified| SystemTime::now().duration_since(modified).ok());
-        // One that was not written to for long does not grow any more.
-        if has_end(&file) || age.is_some_and(|age| age >= self.settle) {
-            let time = first_time(&file).unwrap_or(u64::MAX);
-            self.queue.insert((time, name.to_owned()));
-            self.queued.insert(name.to_owned(), stamp);
-        } else if self.postponed.contains(name) {
-            // Until it is finished.
-        } else if self.growing.len() >= MOST_GROWING {
-            self.crowded += 1;
-        } else {
-            match Lane::begin(&self.path, name, file, true, &self.channels, &self.settings) {
-                Ok(mut lane) => {
-                    self.joins.join(&mut lane.recording);
-                    self.growing.push_back(lane);
-                }
-                Err(error) => self.health.fault(Fault::Folder, error),
-            }
-        }
-    }
-
     /// Begins with the oldest finished file, or lets those join whose time has come.
-    fn open_finished(&mut self, watch: &dyn Watch) {
+    fn open_finished(&mut self, watch: &mut dyn Watch) {
         loop {
             match (&self.finished, self.queue.first()) {
                 (None, Some(_)) => self.is_sealed = false,
@@ -520,7 +348,7 @@ impl Folder {
                 return;
             };
             let opened = self.open(&name).and_then(|file| {
-                let span = span_in(&file).filter(|_| !watch.is_suspect(&label(&name)));
+                let span = span_of(&file, &label(&name), &input(&self.path, &name, false), watch);
                 if let Some(group) = &mut self.finished
                     && !span.as_ref().is_some_and(|span| group.takes(span))
                 {
@@ -528,7 +356,7 @@ impl Folder {
                 }
                 let begun = Lane::begin(&self.path, &name, file, false, &self.channels, &self.settings);
                 let mut lane = begun.map_err(|error| io::Error::other(error.to_string()))?;
-                self.joins.join(&mut lane.recording);
+                self.joins.join(&lane.label, &mut lane.recording);
                 Ok(Some((lane, span)))
             });
             match opened {
@@ -563,25 +391,19 @@ impl Folder {
             }
         }
     }
+}
 
-    fn cannot_open(&mut self, name: &OsStr, fault: &io::Error) {
-        let path = self.path.join(name);
-        let detail = format!(
-            "{}: cannot be opened: {fault}; it is tried again every minute",
-            path.display()
-        );
-        self.health.fault(Fault::Folder, detail);
-        self.failed.insert(name.to_owned(), Instant::now() + RETRY);
+/// Span of a finished file that may be read beside others. One without a summary is read for it, as a part of its first step.
+fn span_of(file: &File, label: &str, input: &Input, watch: &mut dyn Watch) -> Option<Span> {
+    if watch.is_suspect(label) {
+        return None;
     }
-
-    /// Opens a regular file: it may have changed since it was listed, and opening a pipe would block.
-    fn open(&self, name: &OsStr) -> io::Result<File> {
-        let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
-        let file = File::from(rustix::fs::open(self.path.join(name), flags, Mode::empty())?);
-        if file.metadata()?.is_file() {
-            Ok(file)
-        } else {
-            Err(io::Error::other("not a regular file"))
-        }
+    let span = span_by_summary(file);
+    if span.is_some() || watch.aside(label, input) != Aside::Nothing {
+        return span;
     }
+    let is_begun = watch.working_on(&place_step(label, Steps::default().next(0)));
+    let span = is_begun.then(|| span_by_reading(file)).flatten();
+    watch.idle();
+    span
 }

@@ -1,0 +1,116 @@
+//! Growing files: each is followed, and begins when those that began before it are read as far as they are.
+
+use super::lane::Lane;
+use super::{Folder, FolderStep};
+use crate::recording::read::Step;
+use crate::recording::read::folder::first_time;
+use crate::service::daemon::supervision::Watch;
+use crate::service::telemetry::Fault;
+use std::time::Instant;
+
+/// Bytes that growing recordings may hold together; beyond, the largest is read when it is finished.
+const MOST_BYTES: usize = 32 << 20;
+
+impl Folder {
+    /// Takes a step of the next growing file with data.
+    pub(super) fn step_growing(&mut self, watch: &mut dyn Watch) -> Option<FolderStep> {
+        for _ in 0..self.growing.len() {
+            let mut lane = self.growing.pop_front()?;
+            if !self.is_next(&mut lane) {
+                self.growing.push_back(lane);
+                continue;
+            }
+            lane.recording.bound(self.room());
+            let step = lane.step(watch, self.settle, &self.health);
+            match step {
+                None => {
+                    self.joins.give_back(lane.recording.taken().iter());
+                    self.next_scan = Instant::now();
+                }
+                Some(Step::End) => return Some(self.end_growing(lane, watch)),
+                Some(Step::Wait) => self.growing.push_back(lane),
+                Some(Step::More) => {
+                    self.growing.push_back(lane);
+                    self.make_room();
+                    return Some(Step::More);
+                }
+                Some(Step::Event(event, place)) => {
+                    // Events already read are returned before the next file's turn.
+                    self.growing.push_front(lane);
+                    return Some(Step::Event(event, place));
+                }
+            }
+        }
+        None
+    }
+
+    /// True if a file may be read: one without a message so far waits for those that began before it, since it may go on with what they
+    /// leave open.
+    fn is_next(&mut self, lane: &mut Lane) -> bool {
+        if lane.elders.is_none() {
+            self.line_up(lane);
+        }
+        let Some(elders) = &mut lane.elders else {
+            return true;
+        };
+        elders.retain(|name| {
+            let elder = self.growing.iter().find(|other| other.name == *name);
+            elder.is_some_and(|elder| elder.is_behind)
+        });
+        elders.is_empty()
+    }
+
+    /// Finds the files that began before one, if that has a message.
+    fn line_up(&mut self, lane: &mut Lane) {
+        let first = |lane: &Lane| {
+            let file = self.open(&lane.name).ok()?;
+            first_time(&file)
+        };
+        lane.begins = lane.begins.or_else(|| first(lane));
+        let Some(begins) = lane.begins else {
+            return;
+        };
+        let firsts: Vec<_> = self
+            .growing
+            .iter()
+            .map(|other| other.begins.or_else(|| first(other)))
+            .collect();
+        let mut elders = Vec::new();
+        for (other, first) in self.growing.iter_mut().zip(firsts) {
+            other.begins = first;
+            if first.is_some_and(|first| (first, &other.name) < (begins, &lane.name)) {
+                other.is_behind = true;
+                elders.push(other.name.clone());
+            }
+        }
+        lane.elders = Some(elders);
+    }
+
+    /// Puts off the largest growing files while all together hold too much: they are begun again when
+    /// finished.
+    fn make_room(&mut self) {
+        while self.growing.len() > 1
+            && self.growing.iter().map(|lane| lane.held).sum::<usize>() > MOST_BYTES
+            && let Some(at) = (0..self.growing.len()).max_by_key(|at| self.growing[*at].held)
+            && let Some(lane) = self.growing.remove(at)
+        {
+            let detail = format!(
+                "{}: growing files together hold more than {} MiB; it is read when it is finished",
+                lane.label,
+                MOST_BYTES >> 20
+            );
+            self.health.fault(Fault::Folder, detail);
+            self.joins.give_back(lane.recording.taken().iter());
+            self.postponed.insert(lane.name);
+        }
+    }
+
+    /// Ends a growing file.
+    fn end_growing(&mut self, mut lane: Lane, watch: &dyn Watch) -> FolderStep {
+        let read = self.read(&mut lane, watch);
+        let left = lane.recording.take_left();
+        let taken = lane.recording.taken();
+        let ended = self.joins.left(left, taken, |rod| self.is_in_use(rod));
+        self.done_with(ended, vec![read])
+    }
+}

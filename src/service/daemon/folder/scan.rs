@@ -1,0 +1,186 @@
+//! Finds recordings that are new or changed, and lets those begin that grow.
+
+use super::lane::{Lane, Stamp, has_end, stamp};
+use super::listing::{Entry, Listing, label, name_of};
+use super::{Ended, Folder, RETRY};
+use crate::recording::read::folder::first_time;
+use crate::service::telemetry::{Beat, Fault};
+use rustix::fs::{Mode, OFlags};
+use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::{OsStr, OsString};
+use std::fs::{File, Metadata};
+use std::io;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant, SystemTime};
+
+/// Shortest time between two scans.
+const SCAN_EVERY: Duration = Duration::from_secs(1);
+/// Scans take at most one part in this many of the time.
+const SCAN_SHARE: u32 = 20;
+/// Most growing recordings read at once.
+const MOST_GROWING: usize = 64;
+/// Subject of the condition that there are more.
+const GROWING: &str = "growing recordings";
+
+impl Folder {
+    /// Scans the folder if it is time to.
+    pub(super) fn scan_if_due(&mut self, stop: &AtomicBool, beat: &Beat) {
+        let began = Instant::now();
+        if began < self.next_scan {
+            return;
+        }
+        self.scan(stop, beat);
+        self.end_late();
+        self.next_scan = Instant::now() + SCAN_EVERY.max(SCAN_SHARE * began.elapsed());
+    }
+
+    /// Looks for files that are new or changed.
+    fn scan(&mut self, stop: &AtomicBool, beat: &Beat) {
+        let mut there = BTreeSet::new();
+        self.crowded = 0;
+        let mut links = BTreeSet::new();
+        let mut unreadable = BTreeMap::new();
+        for entry in Listing::of(Arc::clone(&self.path), self.has_subfolders) {
+            if stop.load(Ordering::Relaxed) {
+                return;
+            }
+            beat.pass();
+            match entry {
+                Entry::Recording(name, data) => {
+                    self.found(&name, stamp(&data), &data);
+                    there.insert(name);
+                }
+                Entry::Link(name) => {
+                    links.insert(name);
+                }
+                Entry::Unreadable(folder, fault) => {
+                    unreadable.insert(folder, fault);
+                }
+            }
+        }
+        match self.crowded {
+            0 => self.health.over(Fault::Folder, GROWING),
+            more => {
+                let detail = format!(
+                    "{more} recordings more than {MOST_GROWING} grow at once: they are read when others have ended; put the topics of \
+                     several sensors into one recording"
+                );
+                self.health.hold(Fault::Folder, GROWING, detail);
+            }
+        }
+        for name in links.difference(&self.links) {
+            let path = self.path.join(name);
+            let detail = format!("{}: a link, which is not followed", path.display());
+            self.health.fault(Fault::Folder, detail);
+        }
+        self.links = links;
+        for folder in &self.unreadable {
+            if !unreadable.contains_key(folder) {
+                self.health
+                    .over(Fault::Folder, &self.path.join(folder).display().to_string());
+            }
+        }
+        for (folder, fault) in &unreadable {
+            let path = self.path.join(folder).display().to_string();
+            let detail = format!("{path}: the watched folder cannot be read: {fault}");
+            self.health.hold(Fault::Folder, &path, detail);
+        }
+        self.unreadable = unreadable.into_keys().collect();
+        // What lies in a folder that cannot be read now is not gone.
+        let unreadable = &self.unreadable;
+        let is_there = |name: &OsString| {
+            there.contains(name)
+                || unreadable
+                    .iter()
+                    .any(|folder| Path::new(name).starts_with(folder))
+        };
+        // A name that is gone may come back as another file.
+        self.failed.retain(|name, _| is_there(name));
+        self.postponed.retain(is_there);
+        self.done.retain(|name, _| is_there(name));
+        let health = &self.health;
+        self.set_aside.retain(|name| {
+            let stays = is_there(name);
+            if !stays {
+                health.over(Fault::Quarantined, &label(name));
+            }
+            stays
+        });
+        let kept = self
+            .joins
+            .forget_if(|label| !name_of(label).is_some_and(|name| is_there(&name)));
+        self.tell(
+            Ended {
+                kept,
+                ..Ended::default()
+            },
+            Vec::new(),
+        );
+    }
+
+    fn found(&mut self, name: &OsStr, stamp: Stamp, data: &Metadata) {
+        if let Some(lane) = self.growing.iter_mut().find(|lane| lane.name == name) {
+            let same = |open: Metadata| (open.dev(), open.ino()) == (data.dev(), data.ino());
+            lane.is_replaced = !lane.file.metadata().is_ok_and(same);
+            return;
+        }
+        let is_waiting = self.failed.get(name).is_some_and(|until| Instant::now() < *until);
+        if self.done.get(name) == Some(&stamp)
+            || self.queued.contains_key(name)
+            || is_waiting
+            || self.finished.as_ref().is_some_and(|group| group.has(name))
+        {
+            return;
+        }
+        let file = match self.open(name) {
+            Ok(file) => file,
+            Err(fault) => return self.cannot_open(name, &fault),
+        };
+        let age = data
+            .modified()
+            .ok()
+            .and_then(|modified| SystemTime::now().duration_since(modified).ok());
+        // One that was not written to for long does not grow any more.
+        if has_end(&file) || age.is_some_and(|age| age >= self.settle) {
+            let time = first_time(&file).unwrap_or(u64::MAX);
+            self.queue.insert((time, name.to_owned()));
+            self.queued.insert(name.to_owned(), stamp);
+        } else if self.postponed.contains(name) {
+            // Until it is finished.
+        } else if self.growing.len() >= MOST_GROWING {
+            self.crowded += 1;
+        } else {
+            match Lane::begin(&self.path, name, file, true, &self.channels, &self.settings) {
+                Ok(mut lane) => {
+                    self.joins.join(&lane.label, &mut lane.recording);
+                    self.growing.push_back(lane);
+                }
+                Err(error) => self.health.fault(Fault::Folder, error),
+            }
+        }
+    }
+
+    pub(super) fn cannot_open(&mut self, name: &OsStr, fault: &io::Error) {
+        let path = self.path.join(name);
+        let detail = format!(
+            "{}: cannot be opened: {fault}; it is tried again every minute",
+            path.display()
+        );
+        self.health.fault(Fault::Folder, detail);
+        self.failed.insert(name.to_owned(), Instant::now() + RETRY);
+    }
+
+    /// Opens a regular file: it may have changed since it was listed, and opening a pipe would block.
+    pub(super) fn open(&self, name: &OsStr) -> io::Result<File> {
+        let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let file = File::from(rustix::fs::open(self.path.join(name), flags, Mode::empty())?);
+        if file.metadata()?.is_file() {
+            Ok(file)
+        } else {
+            Err(io::Error::other("not a regular file"))
+        }
+    }
+}

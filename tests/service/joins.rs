@@ -266,10 +266,14 @@ fn another_cut_ends_what_is_open_before_it_holds() {
     assert_eq!(told(&mut second), ["record 15", "b.mcap"]);
 }
 
-/// Rows of open samples that are kept.
-fn kept(run: &Run) -> Vec<&str> {
+/// Rows of open samples that are kept, without the times of files.
+fn kept(run: &Run) -> Vec<String> {
+    let named = |row: &str| {
+        let words = row.split('/').filter(|word| word.parse::<u64>().is_err());
+        words.collect::<Vec<_>>().join("/")
+    };
     let open = &run.remembered.open;
-    open.iter().map(|carry| carry.journal.as_str()).collect()
+    open.iter().map(|carry| named(&carry.journal)).collect()
 }
 
 /// Leaves a part of a file in the folder; returns the whole.
@@ -321,6 +325,86 @@ fn what_a_file_that_is_gone_began_with_is_forgotten() {
     run.until("its rest", |run| run.done("1.mcap"));
     fs::remove_file(&path).unwrap();
     run.until("no row", |run| run.remembered.open.is_empty());
+}
+
+#[test]
+fn another_file_of_the_name_begins_afresh() {
+    let folder = tempfile::tempdir().unwrap();
+    cut(folder.path(), &[17.3]);
+    let path = folder.path().join("1.mcap");
+    shorten(&path, 0.6);
+    let mut first = settling(folder.path(), 1.5, LONG_S, Remembered::default());
+    first.until("its rest", |run| run.done("1.mcap"));
+    let remembered = first.remembered.clone();
+    assert_eq!(kept(&first), ["begun/laser/1.mcap"]);
+    first.reader.stop();
+    fs::write(&path, measured(100.0, 30.0)).unwrap();
+    let mut second = run(folder.path(), LONG_S, remembered);
+    assert_eq!(told(&mut second), ["record 100", "record 110", "1.mcap"]);
+    assert_eq!(kept(&second), ["folder/laser"]);
+}
+
+#[test]
+fn a_file_that_was_read_beside_others_and_grows_on_begins_as_it_did() {
+    let folder = tempfile::tempdir().unwrap();
+    cut(folder.path(), &[17.3]);
+    beside(folder.path());
+    let expected = replayed(folder.path());
+    let path = folder.path().join("1.mcap");
+    let whole = shorten(&path, 0.6);
+    // What was not written to for long is not taken to grow.
+    let mut run = settling(folder.path(), 0.0, LONG_S, Remembered::default());
+    run.until("all files", |run| run.remembered.files.len() == 3);
+    let mut found = identities(&run);
+    assert!(found.len() > 2 && expected.starts_with(&found));
+    assert_eq!(kept(&run), ["folder/laser", "begun/laser/1.mcap"]);
+    fs::write(&path, &whole).unwrap();
+    let size = whole.len() as u64;
+    run.until("its end", |run| run.remembered.files["1.mcap"].size == size);
+    found.extend(identities(&run));
+    found.sort();
+    found.dedup();
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn a_younger_growing_file_waits_for_an_elder_one_that_is_read_when_it_is_finished() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    cut_of(65.0, folder.path(), &[33.3]);
+    let expected = replayed(folder.path());
+    // A writer that goes back: the length of the latest chunk is not there yet.
+    let elder = fs::read(at("0.mcap")).unwrap();
+    let chunks = |bytes: &[u8]| {
+        let mut at = 8;
+        let mut chunks = Vec::new();
+        while bytes[at] != mcap::records::op::DATA_END {
+            if bytes[at] == mcap::records::op::CHUNK {
+                chunks.push(at);
+            }
+            at += 9 + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        }
+        chunks
+    };
+    let latest = *chunks(&elder).last().unwrap();
+    let mut begun = elder[..latest + 200].to_vec();
+    begun[latest + 1..latest + 9].fill(0xff);
+    fs::write(at("0.mcap"), &begun).unwrap();
+    let younger = fs::read(at("1.mcap")).unwrap();
+    fs::remove_file(at("1.mcap")).unwrap();
+    let mut run = run(folder.path(), LONG_S, Remembered::default());
+    run.until("the elder's first records", |run| run.records.len() >= 2);
+    run.until_quiet();
+    // Both within one look into the folder, most likely; in any order the records are the same.
+    fs::write(at("1.mcap"), &younger[..younger.len() / 2]).unwrap();
+    fs::write(at("0.mcap"), &elder).unwrap();
+    run.until("the elder", |run| run.done("0.mcap"));
+    fs::write(at("1.mcap"), &younger).unwrap();
+    run.until("the younger", |run| run.done("1.mcap"));
+    let mut found = identities(&run);
+    found.sort();
+    found.dedup();
+    assert_eq!(found, expected);
 }
 
 #[test]

@@ -65,10 +65,7 @@ fn expand(path: &Path) -> Result<Vec<PathBuf>, SourceError> {
 const LOOKED_AT: usize = 1000;
 
 pub(super) fn first_time_at(path: &Path) -> Option<u64> {
-    if !fs::metadata(path).ok()?.is_file() {
-        return None;
-    }
-    let file = File::open(path).ok()?;
+    let file = open(path)?;
     // The first chunk of a part may hold nothing but the journal's own note, which has the time of its writing.
     match path.file_name().and_then(|name| part::number(name.to_str()?)) {
         Some(_) => times(&file).min(),
@@ -77,6 +74,7 @@ pub(super) fn first_time_at(path: &Path) -> Option<u64> {
 }
 
 /// Time span and topics of a finished file's messages.
+#[derive(Debug, Clone)]
 pub struct Span {
     /// Earliest log time \[ns since 1970\].
     pub from: u64,
@@ -86,9 +84,15 @@ pub struct Span {
     pub topics: BTreeSet<String>,
 }
 
-/// Times of the earliest and latest message of a finished file \[ns since 1970\], by the summary at its end, or by all of them.
-pub fn span(path: &Path) -> Option<(u64, u64)> {
-    span_at(path).map(|span| (span.from, span.to))
+/// Times of the earliest and latest message of a finished file \[ns since 1970\], by the summary at its end.
+pub fn times_by_summary(path: &Path) -> Option<(u64, u64)> {
+    span_by_summary(&open(path)?).map(|span| (span.from, span.to))
+}
+
+/// Opens a regular file.
+fn open(path: &Path) -> Option<File> {
+    let is_file = fs::metadata(path).ok()?.is_file();
+    is_file.then(|| File::open(path).ok()).flatten()
 }
 
 /// Longest summary that is read \[bytes\].
@@ -97,42 +101,73 @@ const MAX_SUMMARY: u64 = 16 << 20;
 /// Longest file without a summary that is read for its span \[bytes\].
 const MAX_READ: u64 = 1 << 30;
 
-/// Span of a finished file; `None` if it has no message, or has no summary and is long.
+/// Span of a finished file, by its summary or by all messages; `None` if it has no message, or has no summary and is long.
 pub(super) fn span_at(path: &Path) -> Option<Span> {
-    if !fs::metadata(path).ok()?.is_file() {
-        return None;
-    }
-    let file = File::open(path).ok()?;
-    span_by_summary(&file).or_else(|| span_by_reading(&file))
+    let file = open(path)?;
+    span_by_summary(&file).or_else(|| {
+        let mut reader = SpanReader::begin(file)?;
+        while reader.step() {}
+        reader.into_span()
+    })
 }
 
-/// Span by all messages, which takes as long as reading the file: it was cut short, or its writer leaves the summary out.
-pub fn span_by_reading(mut file: &File) -> Option<Span> {
-    if file.metadata().ok()?.len() > MAX_READ {
-        return None;
+/// Reads a finished file for its span, a step at a time: it was cut short, or its writer leaves the summary out.
+pub struct SpanReader {
+    reader: Reader<File>,
+    topics: HashMap<u16, String>,
+    used: BTreeSet<u16>,
+    times: Option<(u64, u64)>,
+}
+
+impl SpanReader {
+    /// Begins at the first byte; `None` if the file cannot be sought, or is longer than 1 GiB.
+    pub fn begin(mut file: File) -> Option<Self> {
+        file.seek(SeekFrom::Start(0)).ok()?;
+        let length = file.metadata().ok()?.len();
+        (length <= MAX_READ).then(|| Self {
+            reader: Reader::new(file, Trust::Unverified, false),
+            topics: HashMap::new(),
+            used: BTreeSet::new(),
+            times: None,
+        })
     }
-    file.seek(SeekFrom::Start(0)).ok()?;
-    let mut reader = Reader::new(file, Trust::Unverified, false);
-    let (mut topics, mut used) = (HashMap::new(), BTreeSet::new());
-    let mut times: Option<(u64, u64)> = None;
-    // Where it is damaged, its messages end for those as well that use them.
-    while let Ok(Progress::More) = reader.step(&mut |item| match item {
-        Item::Channel(id, channel, _) => drop(topics.insert(id, channel.topic.clone())),
-        Item::Message(Message {
-            channel, log_time, ..
-        }) => {
-            let (from, to) = times.get_or_insert((log_time, log_time));
-            (*from, *to) = (log_time.min(*from), log_time.max(*to));
-            used.insert(channel);
-        }
-        Item::Unverified | Item::Hole(_) => {}
-    }) {}
-    topics.retain(|id, _| used.contains(id));
-    times.map(|(from, to)| Span {
-        from,
-        to,
-        topics: topics.into_values().collect(),
-    })
+
+    /// Offset of the next step \[bytes\].
+    pub fn offset(&self) -> u64 {
+        self.reader.offset()
+    }
+
+    /// Takes a step; false at the end. Where the file is damaged, its messages end for those as well that use them.
+    pub fn step(&mut self) -> bool {
+        let Self {
+            reader,
+            topics,
+            used,
+            times,
+        } = self;
+        let progress = reader.step(&mut |item| match item {
+            Item::Channel(id, channel, _) => drop(topics.insert(id, channel.topic.clone())),
+            Item::Message(Message {
+                channel, log_time, ..
+            }) => {
+                let (from, to) = times.get_or_insert((log_time, log_time));
+                (*from, *to) = (log_time.min(*from), log_time.max(*to));
+                used.insert(channel);
+            }
+            Item::Unverified | Item::Hole(_) => {}
+        });
+        matches!(progress, Ok(Progress::More))
+    }
+
+    /// The span of what was read; `None` without a message.
+    pub fn into_span(mut self) -> Option<Span> {
+        self.topics.retain(|id, _| self.used.contains(id));
+        self.times.map(|(from, to)| Span {
+            from,
+            to,
+            topics: self.topics.into_values().collect(),
+        })
+    }
 }
 
 /// Span by the summary at the end of an open file; `None` without one.

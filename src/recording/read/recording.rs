@@ -248,6 +248,16 @@ impl Recording {
         self.router.taken()
     }
 
+    /// Notes with which open samples it goes on where it is one of several files of a stream: it may be read again on its own.
+    pub fn note_start(&mut self) {
+        self.router.note_start();
+    }
+
+    /// Open samples with which it began: of earlier files, and of other files of its stream if these are [noted](Self::note_start).
+    pub fn began_with(&self) -> impl Iterator<Item = &Tail> {
+        self.router.taken().iter().chain(self.router.before())
+    }
+
     /// True if a rod has samples in it, as far as it is read.
     pub fn has_begun(&self, rod: &RodId) -> bool {
         self.router.has_begun(rod)
@@ -398,7 +408,12 @@ impl Recording {
             Stage::Reading(file) => file.held(),
             Stage::Given(_) | Stage::Ended => 0,
         };
-        self.router.held() + self.router.ahead_bytes() + reading + ready.sum::<usize>()
+        let before = self.router.before().iter().map(Tail::held);
+        self.router.held()
+            + self.router.ahead_bytes()
+            + reading
+            + ready.sum::<usize>()
+            + before.sum::<usize>()
     }
 
     /// Sets the bytes of samples beyond which records end early.

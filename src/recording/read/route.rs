@@ -85,6 +85,8 @@ pub(super) struct Router {
     tails: Option<Tails>,
     /// Those with which they did.
     taken: Vec<Tail>,
+    /// Samples that other files of a stream had open at a rod's first message, if they are noted.
+    before: Option<Vec<Tail>>,
 }
 
 /// A topic of the file.
@@ -156,6 +158,7 @@ impl Router {
             listener: None,
             tails: None,
             taken: Vec::new(),
+            before: None,
             channels: Vec::new(),
             scratch: Vec::new(),
             topics: Vec::new(),

@@ -7,7 +7,7 @@ use super::task::{FORMAT, Input, Item, Task, hash_of, result_name};
 use crate::analysis::identify::VERSION;
 use crate::analysis::signal::record::Timestamp;
 use crate::config::Config;
-use crate::recording::read::folder::span;
+use crate::recording::read::folder::times_by_summary;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -235,7 +235,7 @@ fn item(wanted: &Wanted<'_>, path: &Path) -> Result<Item, String> {
         identity::of(path, thoroughness).map_err(|error| format!("{}: {error}", path.display()))?;
     let below = path.strip_prefix(wanted.archive).unwrap_or(path);
     let times = match wanted.input {
-        Input::Recordings => span(path),
+        Input::Recordings => times_by_summary(path),
         Input::Store => None,
     };
     let time = |nanos: u64| i64::try_from(nanos).ok().map(Timestamp::from_nanos);

@@ -43,6 +43,16 @@ impl Router {
             let lanes = self.rods[first..].chunk_by_mut(|_, next| next.sensor > 0).next();
             let Some(lanes) = lanes else { continue };
             if std::mem::replace(&mut lanes[0].is_begun, true) {
+                let counts = self.counts.iter().skip(first).take(lanes.len());
+                let is_first = counts.map(|count| count.messages).sum::<u64>() == 0;
+                if let Some(before) = self
+                    .before
+                    .as_mut()
+                    .filter(|_| is_first && held(lanes) <= MOST_OPEN)
+                {
+                    let file = lanes[0].files.latest().or_else(|| self.file.clone());
+                    before.extend(file.and_then(|file| Tail::of(lanes, tails.settings(), &(file, 0, 0))));
+                }
                 continue;
             }
             let Some(tail) = tails.take(&lanes[0].config.rod, log_time) else {
@@ -87,6 +97,16 @@ impl Router {
             .filter(|lanes| lanes.iter().any(|lane| lane.is_begun))
             .filter_map(|lanes| Tail::of(lanes, tails.settings(), place))
             .collect()
+    }
+
+    /// Notes with which open samples of other files of its stream it goes on.
+    pub fn note_start(&mut self) {
+        self.before = Some(Vec::new());
+    }
+
+    /// Those noted.
+    pub fn before(&self) -> &[Tail] {
+        self.before.as_deref().unwrap_or_default()
     }
 
     /// Open samples of earlier files that the rods went on with.

@@ -56,6 +56,11 @@ impl Files {
         }
     }
 
+    /// The latest file.
+    pub(super) fn latest(&self) -> Option<Arc<str>> {
+        self.0.front().map(|(file, _)| Arc::clone(file))
+    }
+
     /// The file that holds an event's last sample.
     pub(in crate::recording::read) fn of(&self, event: &Event) -> Option<Arc<str>> {
         let end = match event {

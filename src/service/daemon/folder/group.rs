@@ -32,13 +32,17 @@ pub(super) struct Read {
     pub(super) stamp: Stamp,
     pub(super) mark: FileMark,
     pub(super) summary: Summary,
-    /// Open samples of earlier files that it went on with, if it may be read again; `None` if it changes nothing in what is known of them.
-    pub(super) begun: Option<Vec<Tail>>,
+    /// Open samples of earlier files that it went on with.
+    pub(super) begun: Vec<Tail>,
+    /// True if it is not read again.
+    pub(super) is_final: bool,
+    /// Log time of its first message \[ns\], by which it is known if it is read again.
+    pub(super) known_by: Option<u64>,
 }
 
 /// Files that are read as one.
 pub(super) struct Group {
-    /// Rods that they share; `None` for a file that is read on its own: without a summary, or suspected of ending the program.
+    /// Rods that they share; `None` for a file that is read on its own: of unknown span, or suspected of ending the program.
     stream: Option<Stream>,
     open: Vec<Open>,
     read: Vec<Read>,
@@ -111,7 +115,7 @@ impl Group {
 
     /// Open samples of earlier files that its files went on with.
     pub(super) fn taken(&self) -> impl Iterator<Item = &Tail> {
-        let open = self.open.iter().flat_map(|open| open.lane.recording.taken());
+        let open = self.open.iter().flat_map(|open| open.lane.taken());
         open.chain(&self.taken)
     }
 
@@ -158,7 +162,7 @@ impl Group {
         match step {
             Step::End => {
                 let lane = self.open.remove(at).lane;
-                self.taken.extend_from_slice(lane.recording.taken());
+                self.taken.extend_from_slice(lane.taken());
                 Step::File(Box::new(lane))
             }
             Step::Event(event, place) => Step::Event(event, place),
@@ -167,7 +171,11 @@ impl Group {
     }
 
     /// Keeps a file that was read to its end; true if it was the last.
-    pub(super) fn keep(&mut self, read: Read) -> bool {
+    pub(super) fn keep(&mut self, mut read: Read) -> bool {
+        let begun = self.read.iter().chain([&read]).flat_map(|read| &read.begun);
+        if begun.map(Tail::held).sum::<usize>() > MOST_HELD {
+            read.begun.clear();
+        }
         self.read.push(read);
         self.open.is_empty()
     }

@@ -6,6 +6,7 @@ use crate::recording::read::Step;
 use crate::recording::read::folder::first_time;
 use crate::service::daemon::supervision::Watch;
 use crate::service::telemetry::Fault;
+use std::ffi::{OsStr, OsString};
 use std::time::Instant;
 
 /// Bytes that growing recordings may hold together; beyond, the largest is read when it is finished.
@@ -24,7 +25,8 @@ impl Folder {
             let step = lane.step(watch, self.settle, &self.health);
             match step {
                 None => {
-                    self.joins.give_back(lane.recording.taken().iter());
+                    self.joins.give_back(lane.taken().iter());
+                    self.finishing.insert(lane.name);
                     self.next_scan = Instant::now();
                 }
                 Some(Step::End) => return Some(self.end_growing(lane, watch)),
@@ -55,30 +57,37 @@ impl Folder {
         };
         elders.retain(|name| {
             let elder = self.growing.iter().find(|other| other.name == *name);
-            elder.is_some_and(|elder| elder.is_behind)
+            let is_behind = elder
+                .is_some_and(|elder| elder.is_behind && (elder.begins, name) < (lane.begins, &lane.name));
+            is_behind || self.finishing.contains(name)
         });
         elders.is_empty()
     }
 
     /// Finds the files that began before one, if that has a message.
     fn line_up(&mut self, lane: &mut Lane) {
-        let first = |lane: &Lane| {
-            let file = self.open(&lane.name).ok()?;
-            first_time(&file)
-        };
-        lane.begins = lane.begins.or_else(|| first(lane));
+        let first = |name: &OsStr| self.open(name).ok().and_then(|file| first_time(&file));
+        let is_known = lane.begins.is_some();
+        lane.begins = lane.begins.or_else(|| first(&lane.name));
         let Some(begins) = lane.begins else {
             return;
         };
+        if !is_known && lane.recording.is_unread() {
+            self.joins.join(lane);
+        }
         let firsts: Vec<_> = self
             .growing
             .iter()
-            .map(|other| other.begins.or_else(|| first(other)))
+            .map(|other| other.begins.or_else(|| first(&other.name)))
             .collect();
-        let mut elders = Vec::new();
+        let is_elder = |first: Option<u64>, name: &OsString| {
+            first.is_some_and(|first| (first, name) < (begins, &lane.name))
+        };
+        let finishing = self.finishing.iter().filter(|name| is_elder(first(name), name));
+        let mut elders: Vec<OsString> = finishing.cloned().collect();
         for (other, first) in self.growing.iter_mut().zip(firsts) {
             other.begins = first;
-            if first.is_some_and(|first| (first, &other.name) < (begins, &lane.name)) {
+            if is_elder(first, &other.name) {
                 other.is_behind = true;
                 elders.push(other.name.clone());
             }
@@ -100,7 +109,7 @@ impl Folder {
                 MOST_BYTES >> 20
             );
             self.health.fault(Fault::Folder, detail);
-            self.joins.give_back(lane.recording.taken().iter());
+            self.joins.give_back(lane.taken().iter());
             self.postponed.insert(lane.name);
         }
     }
@@ -108,9 +117,8 @@ impl Folder {
     /// Ends a growing file.
     fn end_growing(&mut self, mut lane: Lane, watch: &dyn Watch) -> FolderStep {
         let read = self.read(&mut lane, watch);
-        let left = lane.recording.take_left();
-        let taken = lane.recording.taken();
-        let ended = self.joins.left(left, taken, |rod| self.is_in_use(rod));
+        let left = lane.take_left();
+        let ended = self.joins.left(left, lane.taken(), |rod| self.is_in_use(rod));
         self.done_with(ended, vec![read])
     }
 }

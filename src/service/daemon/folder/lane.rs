@@ -2,8 +2,9 @@
 
 use super::listing::label;
 use crate::analysis::signal::record::{RecordSettings, RodChannels};
+use crate::recording::read::folder::first_time;
 use crate::recording::read::series::modified_ns;
-use crate::recording::read::{Recording, SourceError, Step};
+use crate::recording::read::{Recording, SourceError, Step, Tail};
 use crate::service::daemon::steps::Guard;
 use crate::service::daemon::supervision::Watch;
 use crate::service::daemon::trial::Input;
@@ -25,14 +26,6 @@ pub(super) fn stamp(data: &Metadata) -> Stamp {
     (data.len(), data.modified().map_or(0, modified_ns))
 }
 
-/// A file for a trial.
-pub(super) fn input(folder: &Path, name: &OsStr, is_live: bool) -> Input {
-    Input::File {
-        path: folder.join(name).into_os_string().into_vec(),
-        is_live,
-    }
-}
-
 /// A file that is being read.
 pub(super) struct Lane {
     pub(super) name: OsString,
@@ -49,8 +42,10 @@ pub(super) struct Lane {
     pub(super) is_replaced: bool,
     /// True if all of it that was there has been read once.
     pub(super) has_rested: bool,
-    /// Log time of its first message \[ns since 1970\], once it has one and another growing file may go on where it ends.
+    /// Log time of its first message \[ns since 1970\], once it has one.
     pub(super) begins: Option<u64>,
+    /// True if it was read before and begins with what it went on with then, which is no other file's.
+    pub(super) is_again: bool,
     /// Growing files that began before it and are read first; `None` before its first message.
     pub(super) elders: Option<Vec<OsString>>,
     /// True if a younger file waits until this one is read as far as it is.
@@ -75,6 +70,7 @@ impl Lane {
             source,
         };
         let stamp = stamp(&file.metadata().map_err(failed)?);
+        let begins = first_time(&file);
         let input = file.try_clone().map_err(failed)?;
         let recording = Recording::begin(&label, input, channels, settings, is_live)?;
         Ok(Self {
@@ -82,18 +78,50 @@ impl Lane {
             label: Arc::from(label),
             recording,
             guard: Guard::default(),
-            input: self::input(folder, name, is_live),
+            input: Input::File {
+                path: folder.join(name).into_os_string().into_vec(),
+                is_live,
+            },
             file,
             is_live,
             stamp,
             grew: Instant::now(),
             is_replaced: false,
             has_rested: false,
-            begins: None,
+            begins,
+            is_again: false,
             elders: None,
             is_behind: false,
             held: 0,
         })
+    }
+
+    /// Open samples of other files that it went on with.
+    pub(super) fn taken(&self) -> &[Tail] {
+        match self.is_again {
+            true => &[],
+            false => self.recording.taken(),
+        }
+    }
+
+    /// Takes the open samples that it leaves to other files.
+    pub(super) fn take_left(&mut self) -> Vec<Tail> {
+        let mut left = self.recording.take_left();
+        if self.is_again {
+            // One that was discarded before its first record leaves what it began with.
+            let began = self.recording.taken();
+            let is_of_it = |left: &Tail, tail: &Tail| {
+                (&left.rod, &left.file, left.to) == (&tail.rod, &tail.file, tail.to)
+            };
+            left.retain(|left| !began.iter().any(|tail| is_of_it(left, tail)));
+        }
+        left
+    }
+
+    /// Log time of its first message, by which it is known when it is read again; `None` if another file has its name or its place.
+    pub(super) fn known_by(&self) -> Option<u64> {
+        let begins = self.begins.filter(|_| !self.is_replaced);
+        begins.filter(|begins| first_time(&self.file) == Some(*begins))
     }
 
     /// Takes the next step; `None` if the file must be looked up again.

@@ -1,32 +1,31 @@
 //! The watched folder: finds recordings to read, and reads them one step at a time.
 
+mod begun;
 mod group;
 mod growing;
 mod joins;
 mod lane;
 mod listing;
 mod scan;
+mod span;
 
+pub(super) use self::begun::BEGUN_UNDER;
 use self::group::{Group, Read};
-pub(super) use self::joins::{BEGUN_UNDER, KEPT_UNDER};
+pub(super) use self::joins::KEPT_UNDER;
 use self::joins::{Ended, Joins};
-use self::lane::{Lane, Stamp, has_end, input, stamp};
-use self::listing::{label, name_of};
-use super::places::Steps;
-use super::quarantine::place_step;
+use self::lane::{Lane, Stamp, has_end, stamp};
+use self::listing::name_of;
+use self::span::Spanned;
 use super::remembered::Remembered;
-use super::steps::Aside;
 use super::supervision::Watch;
-use super::trial::Input;
 use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};
-use crate::recording::read::folder::{Span, span_by_reading, span_by_summary};
 use crate::recording::read::recordings::FileResult;
 use crate::recording::read::{HELD, Step, Stream};
 use crate::service::telemetry::{Beat, Fault, Health};
 use crate::site::store::{Carry, FileMark, FileState};
 use std::collections::{BTreeSet, HashMap, HashSet, VecDeque};
 use std::ffi::OsString;
-use std::fs::{File, Metadata};
+use std::fs::Metadata;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -55,6 +54,8 @@ pub(super) struct Folder {
     failed: HashMap<OsString, Instant>,
     /// Growing files put off until they are finished, since all of them together held too much.
     postponed: HashSet<OsString>,
+    /// Growing files that are to be read again as finished ones: their writer went back.
+    finishing: BTreeSet<OsString>,
     /// Files set aside, each a condition.
     set_aside: BTreeSet<OsString>,
     /// Links that were named.
@@ -66,6 +67,8 @@ pub(super) struct Folder {
     /// True if no other file joins them any more.
     is_sealed: bool,
     growing: VecDeque<Lane>,
+    /// The next finished file, with its span.
+    spanned: Option<Spanned>,
     /// Samples that files read to their end left open.
     joins: Joins,
     /// Steps taken already.
@@ -127,12 +130,14 @@ impl Folder {
             queued: HashMap::new(),
             failed: HashMap::new(),
             postponed: HashSet::new(),
+            finishing: BTreeSet::new(),
             set_aside,
             links: BTreeSet::new(),
             unreadable: BTreeSet::new(),
             finished: None,
             is_sealed: false,
             growing: VecDeque::new(),
+            spanned: None,
             next_scan: Instant::now(),
             elsewhere: 0,
             is_turn_of_growing: false,
@@ -166,7 +171,7 @@ impl Folder {
         channels: &[RodChannels],
         settings: &RecordSettings,
     ) -> impl Iterator<Item = FolderStep> + use<> {
-        let growing = self.growing.iter().flat_map(|lane| lane.recording.taken());
+        let growing = self.growing.iter().flat_map(Lane::taken);
         let taken = self.finished.iter().flat_map(Group::taken).chain(growing);
         self.joins.give_back(taken);
         let ended = self.joins.change(channels, settings);
@@ -215,13 +220,18 @@ impl Folder {
         self.elsewhere = elsewhere;
         self.scan_if_due(stop, beat);
         self.open_finished(watch);
-        if self.finished.is_some() {
+        let is_spanning = self.is_spanning();
+        if is_spanning || self.finished.is_some() {
             self.is_turn_of_growing = !self.is_turn_of_growing && !self.catches_up;
             if self.is_turn_of_growing
                 && let Some(step) = self.step_growing(watch)
             {
                 return step;
             }
+        }
+        if is_spanning {
+            self.step_span(watch);
+            return Step::More;
         }
         if let Some(mut group) = self.finished.take() {
             let next = self.queue.first().filter(|_| !self.is_sealed && group.is_open());
@@ -271,11 +281,8 @@ impl Folder {
         }
         // What has no end of a recording may grow on, and what grew meanwhile is read again from its start.
         let is_now = |data: Metadata| stamp(&data) == lane.stamp;
-        let is_final = has_end(&lane.file) && lane.file.metadata().is_ok_and(is_now);
-        let begun = match quarantined.is_some() || is_final {
-            true => Some(Vec::new()),
-            false => Some(lane.recording.taken().to_vec()).filter(|taken| !taken.is_empty()),
-        };
+        let is_whole = has_end(&lane.file) && lane.file.metadata().is_ok_and(is_now);
+        let is_final = quarantined.is_some() || is_whole;
         let summary = lane.recording.summary().clone();
         let losses = summary.faults();
         let read = match losses.is_empty() {
@@ -293,7 +300,9 @@ impl Folder {
             stamp: lane.stamp,
             mark,
             summary,
-            begun,
+            begun: lane.recording.began_with().cloned().collect(),
+            is_final,
+            known_by: lane.known_by(),
         }
     }
 
@@ -307,7 +316,7 @@ impl Folder {
         let (stream, read, taken) = group.into_parts();
         let (events, left) = match stream {
             Some(stream) => stream.into_ended(),
-            None => (Vec::new(), lane.recording.take_left()),
+            None => (Vec::new(), lane.take_left()),
         };
         let mut ended = self.joins.left(left, &taken, |rod| self.is_in_use(rod));
         ended.events.splice(0..0, events);
@@ -324,11 +333,14 @@ impl Folder {
     fn done_with(&mut self, mut ended: Ended, read: Vec<Read>) -> FolderStep {
         let mut files = Vec::with_capacity(read.len());
         for read in read {
+            self.finishing.remove(&read.name);
             self.done.insert(read.name, read.stamp);
-            if let Some(begun) = read.begun {
-                let kept = self.joins.keep_begun(&read.mark.name, begun);
-                ended.kept.extend(kept);
-            }
+            let (begun, name) = (&mut self.joins.begun, &read.mark.name);
+            ended.kept.extend(match read.known_by {
+                _ if read.is_final => begun.forget_if(|label, _| label == name),
+                Some(begins) => begun.keep(name, begins, read.begun),
+                None => Vec::new(),
+            });
             files.push((read.mark, Ok(read.summary)));
         }
         self.tell(ended, files);
@@ -336,7 +348,7 @@ impl Folder {
     }
 
     /// Begins with the oldest finished file, or lets those join whose time has come.
-    fn open_finished(&mut self, watch: &mut dyn Watch) {
+    fn open_finished(&mut self, watch: &dyn Watch) {
         loop {
             match (&self.finished, self.queue.first()) {
                 (None, Some(_)) => self.is_sealed = false,
@@ -344,11 +356,15 @@ impl Folder {
                     if !self.is_sealed && group.is_open() && group.has_come_to(*begins) => {}
                 _ => return,
             }
-            let Some((begins, name)) = self.queue.pop_first() else {
+            let Some((begins, name)) = self.queue.first().cloned() else {
                 return;
             };
+            if !self.knows_span(&name, watch) {
+                return;
+            }
+            self.queue.pop_first();
             let opened = self.open(&name).and_then(|file| {
-                let span = span_of(&file, &label(&name), &input(&self.path, &name, false), watch);
+                let span = self.span_of(&name);
                 if let Some(group) = &mut self.finished
                     && !span.as_ref().is_some_and(|span| group.takes(span))
                 {
@@ -356,7 +372,10 @@ impl Folder {
                 }
                 let begun = Lane::begin(&self.path, &name, file, false, &self.channels, &self.settings);
                 let mut lane = begun.map_err(|error| io::Error::other(error.to_string()))?;
-                self.joins.join(&lane.label, &mut lane.recording);
+                if !has_end(&lane.file) {
+                    lane.recording.note_start();
+                }
+                self.joins.join(&mut lane);
                 Ok(Some((lane, span)))
             });
             match opened {
@@ -367,6 +386,7 @@ impl Folder {
                     return;
                 }
                 Ok(Some((lane, span))) => {
+                    self.spanned = None;
                     self.queued.remove(&name);
                     self.postponed.remove(&name);
                     match (&mut self.finished, span) {
@@ -383,6 +403,8 @@ impl Folder {
                 }
                 Err(fault) => {
                     self.queued.remove(&name);
+                    self.finishing.remove(&name);
+                    self.spanned = None;
                     // It may have been removed meanwhile.
                     if fault.kind() != io::ErrorKind::NotFound {
                         self.cannot_open(&name, &fault);
@@ -391,19 +413,4 @@ impl Folder {
             }
         }
     }
-}
-
-/// Span of a finished file that may be read beside others. One without a summary is read for it, as a part of its first step.
-fn span_of(file: &File, label: &str, input: &Input, watch: &mut dyn Watch) -> Option<Span> {
-    if watch.is_suspect(label) {
-        return None;
-    }
-    let span = span_by_summary(file);
-    if span.is_some() || watch.aside(label, input) != Aside::Nothing {
-        return span;
-    }
-    let is_begun = watch.working_on(&place_step(label, Steps::default().next(0)));
-    let span = is_begun.then(|| span_by_reading(file)).flatten();
-    watch.idle();
-    span
 }

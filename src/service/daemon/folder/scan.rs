@@ -100,6 +100,7 @@ impl Folder {
         // A name that is gone may come back as another file.
         self.failed.retain(|name, _| is_there(name));
         self.postponed.retain(is_there);
+        self.finishing.retain(is_there);
         self.done.retain(|name, _| is_there(name));
         let health = &self.health;
         self.set_aside.retain(|name| {
@@ -111,7 +112,8 @@ impl Folder {
         });
         let kept = self
             .joins
-            .forget_if(|label| !name_of(label).is_some_and(|name| is_there(&name)));
+            .begun
+            .forget_if(|label, _| !name_of(label).is_some_and(|name| is_there(&name)));
         self.tell(
             Ended {
                 kept,
@@ -155,7 +157,7 @@ impl Folder {
         } else {
             match Lane::begin(&self.path, name, file, true, &self.channels, &self.settings) {
                 Ok(mut lane) => {
-                    self.joins.join(&lane.label, &mut lane.recording);
+                    self.joins.join(&mut lane);
                     self.growing.push_back(lane);
                 }
                 Err(error) => self.health.fault(Fault::Folder, error),

@@ -2,8 +2,8 @@
 //!
 //! Files of one series are one stream, as the parts of a journal are: nothing is cut where one ends and the
 //! next continues, and each rod of a site may have its own files. A file with a topic at times at which
-//! another file has it too (most likely a copy) is a series of its own, and so is one of another program, unless it
-//! holds sensors of a rod with several.
+//! another file has it too (most likely a copy) is a series of its own, and so is one that is followed, one of unknown span,
+//! and one of another program, unless it holds sensors of a rod with several.
 
 use super::folder::{Span, first_time_at, span_at};
 use super::route::{Rod, Router};

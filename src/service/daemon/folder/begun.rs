@@ -22,13 +22,13 @@ struct Start {
 }
 
 impl Start {
-    fn rows(&self, label: &str, body: impl Fn(&Tail) -> Vec<u8>) -> Vec<Carry> {
-        let row = |tail: &Tail| Carry {
+    /// Row of the store for one; an empty body removes it.
+    fn row(&self, label: &str, tail: &Tail, body: Vec<u8>) -> Carry {
+        Carry {
             journal: format!("{BEGUN_UNDER}{}/{}/{label}", tail.rod, self.begins),
             part: 0,
-            body: body(tail),
-        };
-        self.tails.iter().map(row).collect()
+            body,
+        }
     }
 
     fn held(&self) -> usize {
@@ -85,7 +85,11 @@ impl Begun {
         {
             changed.extend(self.forget_if(|other, _| other == earliest));
         }
-        let rows = start.rows(label, Tail::encode);
+        let rows = start
+            .tails
+            .iter()
+            .map(|tail| start.row(label, tail, tail.encode()));
+        let rows: Vec<Carry> = rows.collect();
         changed.retain(|removed| rows.iter().all(|row| row.journal != removed.journal));
         changed.extend(rows);
         self.0.insert(label.to_owned(), start);
@@ -98,11 +102,15 @@ impl Begun {
             .map(|(label, _)| label.clone())
     }
 
-    /// Forgets those of some files; returns the rows to be removed.
-    pub(super) fn forget_if(&mut self, is_gone: impl Fn(&str, &[Tail]) -> bool) -> Vec<Carry> {
-        let gone = self.0.extract_if(.., |label, start| is_gone(label, &start.tails));
-        gone.flat_map(|(label, start)| start.rows(&label, |_| Vec::new()))
-            .collect()
+    /// Forgets some; returns the rows to be removed.
+    pub(super) fn forget_if(&mut self, is_gone: impl Fn(&str, &Tail) -> bool) -> Vec<Carry> {
+        let mut rows = Vec::new();
+        self.0.retain(|label, start| {
+            let gone: Vec<Tail> = start.tails.extract_if(.., |tail| is_gone(label, tail)).collect();
+            rows.extend(gone.iter().map(|tail| start.row(label, tail, Vec::new())));
+            !start.tails.is_empty()
+        });
+        rows
     }
 }
 

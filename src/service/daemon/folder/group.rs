@@ -34,7 +34,7 @@ pub(super) struct Read {
     pub(super) summary: Summary,
     /// Open samples of earlier files that it went on with.
     pub(super) begun: Vec<Tail>,
-    /// True if it is not read again.
+    /// True if it is whole or quarantined, and not to be read again unless it changes.
     pub(super) is_final: bool,
     /// Log time of its first message \[ns\], by which it is known if it is read again.
     pub(super) known_by: Option<u64>,

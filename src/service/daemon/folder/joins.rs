@@ -158,8 +158,7 @@ impl Joins {
     /// Changes channels and settings: what was cut otherwise ends.
     pub(super) fn change(&mut self, channels: &[RodChannels], settings: &RecordSettings) -> Ended {
         let mut ended = self.end(self.tails.remove_if(|tail, _| !tail.fits(channels, settings)));
-        let is_other = |tail: &Tail| !tail.fits(channels, settings);
-        let changed = self.begun.forget_if(|_, tails| tails.iter().any(is_other));
+        let changed = self.begun.forget_if(|_, tail| !tail.fits(channels, settings));
         ended.kept.extend(changed);
         let stay = self.tails.remove_if(|_, _| true);
         self.tails = Tails::new(*settings);

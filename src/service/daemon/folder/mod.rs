@@ -179,7 +179,9 @@ impl Folder {
         channels.clone_into(&mut self.channels);
         self.settings = *settings;
         self.finished = None;
-        self.growing.clear();
+        // One that has ended meanwhile is found as finished; others are found as growing.
+        self.finishing
+            .extend(self.growing.drain(..).map(|lane| lane.name));
         self.next_scan = Instant::now();
         std::mem::take(&mut self.ready).into_iter()
     }
@@ -300,7 +302,12 @@ impl Folder {
             stamp: lane.stamp,
             mark,
             summary,
-            begun: lane.recording.began_with().cloned().collect(),
+            begun: lane
+                .recording
+                .began_with()
+                .filter(|_| !is_final)
+                .cloned()
+                .collect(),
             is_final,
             known_by: lane.known_by(),
         }

@@ -130,8 +130,11 @@ impl Folder {
             return;
         }
         let is_waiting = self.failed.get(name).is_some_and(|until| Instant::now() < *until);
-        if self.done.get(name) == Some(&stamp)
-            || self.queued.contains_key(name)
+        if self.done.get(name) == Some(&stamp) {
+            self.finishing.remove(name);
+            return;
+        }
+        if self.queued.contains_key(name)
             || is_waiting
             || self.finished.as_ref().is_some_and(|group| group.has(name))
         {
@@ -150,7 +153,10 @@ impl Folder {
             let time = first_time(&file).unwrap_or(u64::MAX);
             self.queue.insert((time, name.to_owned()));
             self.queued.insert(name.to_owned(), stamp);
-        } else if self.postponed.contains(name) {
+            return;
+        }
+        self.finishing.remove(name);
+        if self.postponed.contains(name) {
             // Until it is finished.
         } else if self.growing.len() >= MOST_GROWING {
             self.crowded += 1;
@@ -172,6 +178,7 @@ impl Folder {
             path.display()
         );
         self.health.fault(Fault::Folder, detail);
+        self.finishing.remove(name);
         self.failed.insert(name.to_owned(), Instant::now() + RETRY);
     }
 

@@ -1,6 +1,7 @@
 //! Spans of finished files: one without a summary is read for it, a step at a time.
 
 use super::Folder;
+use super::lane::{Stamp, stamp};
 use super::listing::label;
 use crate::recording::read::folder::{Span, SpanReader, span_by_summary};
 use crate::service::daemon::places::Steps;
@@ -12,6 +13,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 /// Span of a finished file that may be read beside others.
 pub(super) struct Spanned {
     name: OsString,
+    stamp: Option<Stamp>,
     label: String,
     steps: Steps,
     /// Reads it for its span; `None` when that is known.
@@ -42,17 +44,24 @@ impl Spanned {
 impl Folder {
     /// True if the span of a finished file is known; otherwise it is read for it from then on.
     pub(super) fn knows_span(&mut self, name: &OsStr, watch: &dyn Watch) -> bool {
-        if let Some(known) = self.spanned.as_ref().filter(|known| known.name == *name) {
-            return known.reader.is_none();
+        let known = self.spanned.as_ref().filter(|known| known.name == *name);
+        if known.is_some_and(|known| known.reader.is_some()) {
+            return false;
         }
         let label = label(name);
         // One at which the program ended is read alone.
         let file = self.open(name).ok().filter(|_| !watch.is_suspect(&label));
+        let now = file.as_ref().and_then(|file| file.metadata().ok());
+        let now = now.map(|data| stamp(&data));
+        if known.is_some_and(|known| known.stamp == now) {
+            return true;
+        }
         let span = file.as_ref().and_then(span_by_summary);
         let reader = file.filter(|_| span.is_none()).and_then(SpanReader::begin);
         let is_known = reader.is_none();
         self.spanned = Some(Spanned {
             name: name.to_owned(),
+            stamp: now,
             label,
             steps: Steps::default(),
             reader,

@@ -370,7 +370,12 @@ impl Folder {
                 return;
             }
             self.queue.pop_first();
+            let found_bytes = self.queued.get(&name).map(|(bytes, _)| *bytes);
             let opened = self.open(&name).and_then(|file| {
+                // One that was written to since is found again as what it is now.
+                if Some(file.metadata()?.len()) != found_bytes {
+                    return Err(io::ErrorKind::NotFound.into());
+                }
                 let span = self.span_of(&name);
                 if let Some(group) = &mut self.finished
                     && !span.as_ref().is_some_and(|span| group.takes(span))
@@ -412,7 +417,7 @@ impl Folder {
                     self.queued.remove(&name);
                     self.finishing.remove(&name);
                     self.spanned = None;
-                    // It may have been removed meanwhile.
+                    // It may have been removed or changed meanwhile.
                     if fault.kind() != io::ErrorKind::NotFound {
                         self.cannot_open(&name, &fault);
                     }

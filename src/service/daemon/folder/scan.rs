@@ -148,8 +148,10 @@ impl Folder {
             .modified()
             .ok()
             .and_then(|modified| SystemTime::now().duration_since(modified).ok());
-        // One that was not written to for long does not grow any more.
-        if has_end(&file) || age.is_some_and(|age| age >= self.settle) {
+        // One that was not written to for long does not grow any more. An empty one may be about to be written anew: some file systems keep
+        // the time of change when a file is emptied.
+        let has_rested = stamp.0 > 0 && age.is_some_and(|age| age >= self.settle);
+        if has_end(&file) || has_rested {
             let time = first_time(&file).unwrap_or(u64::MAX);
             self.queue.insert((time, name.to_owned()));
             self.queued.insert(name.to_owned(), stamp);

@@ -4,6 +4,8 @@
 use crate::common::{FS, START, motion, spec};
 use crate::folder::{Run, generation, measured};
 use std::fs;
+use std::io::Write;
+use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -283,6 +285,13 @@ fn shorten(path: &Path, part: f64) -> Vec<u8> {
     whole
 }
 
+/// Adds what a file lacks.
+fn grow(path: &Path, whole: &[u8]) {
+    let mut file = fs::OpenOptions::new().append(true).open(path).unwrap();
+    let length = file.metadata().unwrap().len() as usize;
+    file.write_all(&whole[length..]).unwrap();
+}
+
 #[test]
 fn a_file_that_rested_and_grows_on_begins_again_with_what_it_had_gone_on_with() {
     for is_restarted in [false, true] {
@@ -397,14 +406,39 @@ fn a_younger_growing_file_waits_for_an_elder_one_that_is_read_when_it_is_finishe
     run.until_quiet();
     // Both within one look into the folder, most likely; in any order the records are the same.
     fs::write(at("1.mcap"), &younger[..younger.len() / 2]).unwrap();
-    fs::write(at("0.mcap"), &elder).unwrap();
+    grow(&at("0.mcap"), &elder);
+    let patched = fs::OpenOptions::new().write(true).open(at("0.mcap")).unwrap();
+    patched
+        .write_all_at(&elder[latest..latest + 9], latest as u64)
+        .unwrap();
     run.until("the elder", |run| run.done("0.mcap"));
-    fs::write(at("1.mcap"), &younger).unwrap();
+    grow(&at("1.mcap"), &younger);
     run.until("the younger", |run| run.done("1.mcap"));
     let mut found = identities(&run);
     found.sort();
     found.dedup();
     assert_eq!(found, expected);
+}
+
+#[test]
+fn a_growing_file_waits_for_a_finished_one_that_began_before_it() {
+    let away = tempfile::tempdir().unwrap();
+    cut_of(205.0, away.path(), &[133.3]);
+    let expected = replayed(away.path());
+    let younger = fs::read(away.path().join("1.mcap")).unwrap();
+    shorten(&away.path().join("1.mcap"), 0.5);
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let mut run = run(folder.path(), LONG_S, Remembered::default());
+    run.until_quiet();
+    // Most likely both are found in one look into the folder, as after it was away.
+    for name in ["1.mcap", "0.mcap"] {
+        fs::rename(away.path().join(name), at(name)).unwrap();
+    }
+    run.until("the elder", |run| run.done("0.mcap"));
+    grow(&at("1.mcap"), &younger);
+    run.until("both", |run| run.done("1.mcap"));
+    assert_eq!(identities(&run), expected);
 }
 
 #[test]
@@ -422,10 +456,10 @@ fn a_younger_growing_file_waits_for_what_an_elder_one_has_not_told_yet() {
     let mut run = run(folder.path(), LONG_S, Remembered::default());
     // Nobody takes the jobs: reading stands still within the elder, and goes on with a look into the folder.
     std::thread::sleep(Duration::from_millis(1500));
-    fs::write(at("b.mcap"), elder).unwrap();
+    grow(&at("b.mcap"), &elder);
     fs::write(at("a.mcap"), &younger[..younger.len() / 2]).unwrap();
     run.until("records of both", |run| run.records.len() > 14);
-    fs::write(at("a.mcap"), younger).unwrap();
+    grow(&at("a.mcap"), &younger);
     run.until("both", |run| run.done("a.mcap") && run.done("b.mcap"));
     assert_eq!(identities(&run), expected);
 }

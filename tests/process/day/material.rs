@@ -177,8 +177,7 @@ fn stretch_of(message: &Message) -> usize {
     ((message.log_time / 1_000_000_000 + 1 - START_S) / STRETCH_S) as usize
 }
 
-/// A file with a chunk a stretch. Without a summary its messages are read in its own order and its records end with it, as those of a
-/// stream do.
+/// A file with a chunk a stretch. Without a summary its messages are read in its own order, as those of a stream are.
 fn packed(stretches: &[&[Message]], has_summary: bool) -> Vec<u8> {
     let options = mcap::WriteOptions::new()
         .chunk_size(Some(64 << 20))
@@ -278,18 +277,19 @@ impl Material {
         material
     }
 
-    /// The undisturbed answer. Rod by rod: in one replay all files are one series, and the last record before a file without an end
-    /// would stay open, and come late, as long as files of other rods go on.
+    /// The undisturbed answer. Rod by rod: the files of others have no place in it. Each file that is sent is a stream of its own, and records
+    /// end with it.
     fn replay(&mut self) {
         fs::write(self.path("replayed.toml"), site(&RODS)).unwrap();
-        let sent: Vec<_> = self.data.sent.iter().map(|path| path.to_str().unwrap()).collect();
+        let sent = self.data.sent.iter().map(|path| vec![path.to_str().unwrap()]);
         let north: Vec<_> = (0..self.data.files.len())
             .map(|number| format!("archive/north-{number:03}.mcap"))
             .collect();
         let north: Vec<_> = north.iter().map(String::as_str).collect();
-        for paths in [&north, &vec!["archive/west.mcap"], &sent, &vec!["east.mcap"]] {
+        let whole = [north, vec!["archive/west.mcap"], vec!["east.mcap"]];
+        for paths in whole.into_iter().chain(sent) {
             let words = ["replay", "--config", "replayed.toml", "--store", "replayed.db"];
-            let output = tirante(self.folder.path(), &[&words[..], paths].concat());
+            let output = tirante(self.folder.path(), &[&words[..], &paths].concat());
             let said = String::from_utf8_lossy(&output.stderr);
             assert!(matches!(output.status.code(), Some(0 | 3)), "{said}");
         }

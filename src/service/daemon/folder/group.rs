@@ -49,6 +49,8 @@ pub(super) struct Group {
     /// Open samples of earlier files that those read to their end went on with.
     taken: Vec<Tail>,
     bytes: u64,
+    /// Log time of the first message of its first file \[ns\].
+    began: u64,
 }
 
 impl Group {
@@ -57,6 +59,7 @@ impl Group {
         Self {
             stream,
             bytes: lane.stamp.0,
+            began: begins,
             open: vec![Open { lane, front: begins }],
             read: Vec::new(),
             taken: Vec::new(),
@@ -70,6 +73,22 @@ impl Group {
             None => open.lane.recording.at().unwrap_or(open.front),
         });
         fronts.min().unwrap_or(0)
+    }
+
+    /// Log time of the first message of its first file \[ns\].
+    pub(super) fn began(&self) -> u64 {
+        self.began
+    }
+
+    /// Bytes of its files.
+    pub(super) fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Name of one of its files.
+    pub(super) fn first(&self) -> Option<&OsString> {
+        let open = self.open.iter().map(|open| &open.lane.name);
+        open.chain(self.read.iter().map(|read| &read.name)).next()
     }
 
     /// True if other files may join it.

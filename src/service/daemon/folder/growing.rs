@@ -1,5 +1,6 @@
 //! Growing files: each is followed, and begins when those that began before it are read as far as they are.
 
+use super::group::Group;
 use super::lane::Lane;
 use super::{Folder, FolderStep};
 use crate::recording::read::Step;
@@ -11,6 +12,9 @@ use std::time::Instant;
 
 /// Bytes that growing recordings may hold together; beyond, the largest is read when it is finished.
 const MOST_BYTES: usize = 32 << 20;
+
+/// Most bytes of finished files that a growing one waits for: an archive does not keep live data waiting.
+const MOST_AHEAD: u64 = 256 << 20;
 
 impl Folder {
     /// Takes a step of the next growing file with data.
@@ -59,7 +63,9 @@ impl Folder {
             let elder = self.growing.iter().find(|other| other.name == *name);
             let is_behind = elder
                 .is_some_and(|elder| elder.is_behind && (elder.begins, name) < (lane.begins, &lane.name));
-            is_behind || self.finishing.contains(name)
+            let group = self.finished.as_ref();
+            let is_finished = self.queued.contains_key(name) || group.is_some_and(|group| group.has(name));
+            is_behind || is_finished || self.finishing.contains(name)
         });
         elders.is_empty()
     }
@@ -85,6 +91,7 @@ impl Folder {
         };
         let finishing = self.finishing.iter().filter(|name| is_elder(first(name), name));
         let mut elders: Vec<OsString> = finishing.cloned().collect();
+        elders.extend(self.finished_before(begins, &lane.name));
         for (other, first) in self.growing.iter_mut().zip(firsts) {
             other.begins = first;
             if is_elder(first, &other.name) {
@@ -93,6 +100,22 @@ impl Folder {
             }
         }
         lane.elders = Some(elders);
+    }
+
+    /// Finished files that are still to be read and began before one, if they are not too long.
+    fn finished_before(&self, begins: u64, name: &OsString) -> Vec<OsString> {
+        let queued = self
+            .queue
+            .iter()
+            .take_while(|(first, other)| (*first, other) < (begins, name));
+        let group = self.finished.as_ref().filter(|group| group.began() < begins);
+        let sizes = queued.clone().filter_map(|(_, name)| self.queued.get(name));
+        let bytes = sizes
+            .map(|(bytes, _)| *bytes)
+            .chain(group.map(Group::bytes))
+            .sum::<u64>();
+        let names = queued.map(|(_, name)| name).chain(group.and_then(Group::first));
+        names.filter(|_| bytes <= MOST_AHEAD).cloned().collect()
     }
 
     /// Puts off the largest growing files while all together hold too much: they are begun again when

@@ -56,7 +56,7 @@ impl Begun {
         is_of_it
     }
 
-    /// What a file began with when it was read before.
+    /// Samples with which a file began when it was read before.
     pub(super) fn of(&self, label: &str, begins: Option<u64>) -> Option<&[Tail]> {
         let start = self.0.get(label)?;
         (Some(start.begins) == begins).then_some(&start.tails)

@@ -1,4 +1,4 @@
-//! Growing files: each is followed, and begins when those that began before it are read as far as they are.
+//! Growing files: each is followed, and begins when the files that began before it are read as far as they are.
 
 use super::group::Group;
 use super::lane::Lane;

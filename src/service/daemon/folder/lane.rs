@@ -46,7 +46,7 @@ pub(super) struct Lane {
     pub(super) begins: Option<u64>,
     /// True if it was read before and begins with what it went on with then, which is no other file's.
     pub(super) is_again: bool,
-    /// Growing files that began before it and are read first; `None` before its first message.
+    /// Files that began before it and are read first; `None` before its first message.
     pub(super) elders: Option<Vec<OsString>>,
     /// True if a younger file waits until this one is read as far as it is.
     pub(super) is_behind: bool,

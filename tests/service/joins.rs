@@ -6,7 +6,7 @@ use crate::folder::{Run, generation, measured};
 use std::fs;
 use std::io::Write;
 use std::os::unix::fs::FileExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tirante::analysis::signal::record::{Event, Record};
@@ -292,6 +292,16 @@ fn grow(path: &Path, whole: &[u8]) {
     file.write_all(&whole[length..]).unwrap();
 }
 
+/// A run up to the rest of the second file, which is cut short, and its path.
+fn rested(folder: &Path) -> (Run, PathBuf) {
+    cut(folder, &[17.3]);
+    let path = folder.join("1.mcap");
+    shorten(&path, 0.6);
+    let mut run = settling(folder, 1.5, LONG_S, Remembered::default());
+    run.until("its rest", |run| run.done("1.mcap"));
+    (run, path)
+}
+
 #[test]
 fn a_file_that_rested_and_grows_on_begins_again_with_what_it_had_gone_on_with() {
     for is_restarted in [false, true] {
@@ -327,11 +337,7 @@ fn a_file_that_rested_and_grows_on_begins_again_with_what_it_had_gone_on_with() 
 #[test]
 fn what_a_file_that_is_gone_began_with_is_forgotten() {
     let folder = tempfile::tempdir().unwrap();
-    cut(folder.path(), &[17.3]);
-    let path = folder.path().join("1.mcap");
-    shorten(&path, 0.6);
-    let mut run = settling(folder.path(), 1.5, LONG_S, Remembered::default());
-    run.until("its rest", |run| run.done("1.mcap"));
+    let (mut run, path) = rested(folder.path());
     fs::remove_file(&path).unwrap();
     run.until("no row", |run| run.remembered.open.is_empty());
 }
@@ -339,11 +345,7 @@ fn what_a_file_that_is_gone_began_with_is_forgotten() {
 #[test]
 fn another_file_of_the_name_begins_afresh() {
     let folder = tempfile::tempdir().unwrap();
-    cut(folder.path(), &[17.3]);
-    let path = folder.path().join("1.mcap");
-    shorten(&path, 0.6);
-    let mut first = settling(folder.path(), 1.5, LONG_S, Remembered::default());
-    first.until("its rest", |run| run.done("1.mcap"));
+    let (first, path) = rested(folder.path());
     let remembered = first.remembered.clone();
     assert_eq!(kept(&first), ["begun/laser/1.mcap"]);
     first.reader.stop();

@@ -4,11 +4,11 @@
 
 use crate::listeners::*;
 use crate::send::{Authority, mcap, settings, tirante_send};
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 use tirante::config::settings::ingest::{BoundCertificate, IngestSettings, TlsSettings};
 use tirante::service::telemetry::{Fault, Via};
@@ -26,6 +26,10 @@ struct Port {
 impl Port {
     /// The daemon's certificate ends in so many days.
     fn open(days: i64, bound: Vec<BoundCertificate>) -> Self {
+        Self::with(days, bound, settings().clients)
+    }
+
+    fn with(days: i64, bound: Vec<BoundCertificate>, clients: usize) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let authority = Authority::new();
         let [client_ca, certificate, key] = authority.write_until(folder.path(), "daemon", days);
@@ -38,6 +42,7 @@ impl Port {
         };
         let daemon = Daemon::start(IngestSettings {
             tls: Some(tls),
+            clients,
             ..settings()
         });
         fs::write(folder.path().join("a.mcap"), mcap(100)).unwrap();
@@ -52,18 +57,23 @@ impl Port {
         self.folder.path().join(name)
     }
 
-    fn send(&self, identity: &[PathBuf; 3], more: &[&str]) -> Output {
-        let file = self.path("a.mcap");
+    fn words(&self, [ca, certificate, key]: &[PathBuf; 3], speed: &str) -> Vec<OsString> {
         let to = format!("tcp://{}", self.daemon.address);
-        let [ca, certificate, key] = identity;
-        let mut words: Vec<&OsStr> = vec![file.as_os_str()];
-        words.extend(["--to", &to, "--speed", "max", "--tls-ca"].map(OsStr::new));
-        words.extend([
-            ca.as_os_str(),
-            OsStr::new("--tls-certificate"),
-            certificate.as_os_str(),
-        ]);
-        words.extend([OsStr::new("--tls-key"), key.as_os_str()]);
+        let mut words = vec![self.path("a.mcap").into_os_string()];
+        words.extend(["--to", &to, "--speed", speed].map(OsString::from));
+        for (flag, path) in [
+            ("--tls-ca", ca),
+            ("--tls-certificate", certificate),
+            ("--tls-key", key),
+        ] {
+            words.extend([OsString::from(flag), path.clone().into_os_string()]);
+        }
+        words
+    }
+
+    fn send(&self, identity: &[PathBuf; 3], more: &[&str]) -> Output {
+        let words = self.words(identity, "max");
+        let mut words: Vec<&OsStr> = words.iter().map(OsString::as_os_str).collect();
         words.extend(more.iter().map(OsStr::new));
         tirante_send(&words)
     }
@@ -159,6 +169,59 @@ fn an_ended_certificate_ends_a_sender_with_the_reason() {
     });
     assert!(begun.elapsed() < PATIENCE, "they end at once");
     assert_eq!(port.daemon.ledger.streams().len(), 1);
+}
+
+#[test]
+fn a_certificate_that_is_not_valid_yet_is_told_on_both_sides() {
+    let port = Port::open(4000, Vec::new());
+    let early = port.authority.write_early(port.folder.path(), "early");
+    let output = port.send(&early, &["--sender", "early"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        said(&output).contains("is not valid before 2150-01-01"),
+        "{}",
+        said(&output)
+    );
+    // The daemon's own, in force with its key.
+    fs::copy(&early[2], port.path("daemon.key")).unwrap();
+    fs::copy(&early[1], port.path("daemon.pem")).unwrap();
+    let about = format!("certificate {}", shown(&port.path("daemon.pem")));
+    wait_for("it is a condition", || {
+        port.warns(&about)
+            .is_some_and(|detail| detail.contains("not valid before 2150-01-01"))
+    });
+}
+
+#[test]
+fn one_certificate_takes_three_quarters_of_the_places_at_most() {
+    let port = Port::with(4000, Vec::new(), 8);
+    let alice = port.authority.write(port.folder.path(), "alice");
+    // At a thousandth of the recorded speed they stay.
+    let mut crowd: Vec<_> = (0..8)
+        .map(|_| {
+            let mut command = Command::new(env!("CARGO_BIN_EXE_tirante"));
+            command.arg("send").args(port.words(&alice, "0.001"));
+            command.stderr(Stdio::null()).spawn().unwrap()
+        })
+        .collect();
+    wait_for("the crowd has its share", || port.daemon.clients() == 6);
+    wait_for("two of it are turned away", || {
+        let ended = crowd.iter_mut().filter_map(|one| one.try_wait().unwrap());
+        ended.filter(|status| !status.success()).count() == 2
+    });
+    let other = port.authority.write(port.folder.path(), "bob");
+    let output = port.send(&other, &[]);
+    assert!(output.status.success(), "{}", said(&output));
+    let output = port.send(&alice, &[]);
+    assert!(
+        said(&output).contains("6 clients with this certificate are connected already"),
+        "{}",
+        said(&output)
+    );
+    for one in &mut crowd {
+        let _ = one.kill();
+        one.wait().unwrap();
+    }
 }
 
 #[test]

@@ -65,7 +65,27 @@ impl Authority {
         let (year, month, day) = (end.year(), end.month(), end.day());
         params.not_after =
             rcgen::date_time_ymd(year.into(), month.try_into().unwrap(), day.try_into().unwrap());
-        let certificate = params.signed_by(&key, &self.issuer).unwrap();
+        self.signed(params, &key, folder, name)
+    }
+
+    /// The same for a certificate that is not valid before the year 2150.
+    pub fn write_early(&self, folder: &std::path::Path, name: &str) -> [std::path::PathBuf; 3] {
+        let key = rcgen::KeyPair::generate().unwrap();
+        let mut params =
+            rcgen::CertificateParams::new(vec!["127.0.0.1".to_owned(), "localhost".to_owned()]).unwrap();
+        params.distinguished_name.push(rcgen::DnType::CommonName, name);
+        params.not_before = rcgen::date_time_ymd(2150, 1, 1);
+        self.signed(params, &key, folder, name)
+    }
+
+    fn signed(
+        &self,
+        params: rcgen::CertificateParams,
+        key: &rcgen::KeyPair,
+        folder: &std::path::Path,
+        name: &str,
+    ) -> [std::path::PathBuf; 3] {
+        let certificate = params.signed_by(key, &self.issuer).unwrap();
         let paths = ["ca", "pem", "key"].map(|end| folder.join(format!("{name}.{end}")));
         std::fs::write(&paths[0], self.issuer.pem()).unwrap();
         std::fs::write(&paths[1], certificate.pem()).unwrap();
@@ -335,22 +355,92 @@ fn a_large_message_is_kept_and_what_is_not_kept_is_told() {
         told.contains("1 message is durable, 2 were left out\n") && code == 3,
         "{code}: {told}"
     );
-    // A topic that no rod has.
+}
+
+/// A recording of each of these topics, 300 messages each, one after the other.
+fn of_topics(topics: &[&str]) -> Vec<u8> {
     let mut writer =
         tirante::recording::write::RecordingWriter::new(std::io::Cursor::new(Vec::new()), small()).unwrap();
-    let id = writer
-        .add_channel(spec("/lasr", Encoding::Json, Layout::Sample))
-        .unwrap();
-    writer.write_samples(id, START, FS, &motion(300)).unwrap();
-    let (told, code) = sent(&daemon, folder.path(), &writer.finish().unwrap().into_inner());
+    for topic in topics {
+        let id = writer
+            .add_channel(spec(topic, Encoding::Json, Layout::Sample))
+            .unwrap();
+        writer.write_samples(id, START, FS, &motion(300)).unwrap();
+    }
+    writer.finish().unwrap().into_inner()
+}
+
+#[test]
+fn messages_that_no_rod_reads_are_told_beside_those_that_are_kept() {
+    let daemon = Daemon::start(settings());
+    let folder = tempfile::tempdir().unwrap();
+    let (told, code) = sent(&daemon, folder.path(), &of_topics(&["/lasr"]));
     assert!(
-        told.contains("no rod reads their topics") && code == 3,
+        told.contains("0 messages are durable, 300 were left out") && code == 3,
+        "{code}: {told}"
+    );
+    let (told, code) = sent(&daemon, folder.path(), &of_topics(&["/laser", "/lasr", "/imu"]));
+    assert!(
+        told.contains("300 messages are durable, 600 were left out") && code == 3,
         "{code}: {told}"
     );
     assert!(
-        told.contains("0 messages are durable, 300 were left out"),
+        told.contains("no rod reads the topic /lasr; the nearest that one reads is /laser"),
         "{told}"
     );
+    assert!(told.contains("no rod reads the topic /imu"), "{told}");
+    // It is not the daemon's fault.
+    assert_eq!(daemon.count(Fault::Client), 0);
+    // A client without a name that only writes hears of it, too, with the first message.
+    let mut client = daemon.client();
+    client.send("{\"topic\":\"/lasr\",\"value\":1}\n{\"topic\":\"/laser\",\"value\":1}\n");
+    let answer = client.answer();
+    assert!(
+        answer.contains("left_out") && answer.contains("/lasr"),
+        "{answer}"
+    );
+    // Who knows that a recording has more asks for the topics.
+    let file = folder.path().join("topics.mcap");
+    std::fs::write(&file, of_topics(&["/laser", "/lasr", "/imu"])).unwrap();
+    let to = format!("tcp://{}", daemon.address);
+    let words = [
+        "--to", &to, "--speed", "max", "--topic", "/las*", "--topic", "/lasr",
+    ];
+    let mut all = vec![file.as_os_str()];
+    all.extend(words[..4].iter().map(std::ffi::OsStr::new));
+    let only = [&all[..], &["--topic", "/laser"].map(std::ffi::OsStr::new)].concat();
+    let output = tirante_send(&only);
+    assert_eq!(output.status.code(), Some(0));
+    assert_eq!(output.stdout, b"300 messages are durable\n");
+    all.extend(words[4..].iter().map(std::ffi::OsStr::new));
+    let output = tirante_send(&all);
+    assert_eq!(output.status.code(), Some(3));
+    assert_eq!(output.stdout, b"300 messages are durable, 300 were left out\n");
+}
+
+#[test]
+fn two_channels_of_a_recording_on_one_topic_stay_two() {
+    let daemon = Daemon::start(settings());
+    let folder = tempfile::tempdir().unwrap();
+    let mut writer = mcap::WriteOptions::new()
+        .create(std::io::Cursor::new(Vec::new()))
+        .unwrap();
+    for sensor in ["left", "right"] {
+        let own = [("sensor".to_owned(), sensor.to_owned())].into();
+        let id = writer.add_channel(0, "/laser", "json", &own).unwrap();
+        let header = mcap::records::MessageHeader {
+            channel_id: id,
+            sequence: 0,
+            log_time: 1,
+            publish_time: 1,
+        };
+        writer.write_to_known_channel(&header, b"{\"value\":1}").unwrap();
+    }
+    writer.finish().unwrap();
+    let (told, code) = sent(&daemon, folder.path(), &writer.into_inner().into_inner());
+    assert_eq!((told.as_str(), code), ("2 messages are durable\n", 0));
+    let stream = daemon.ledger.streams().pop().unwrap();
+    assert_eq!(stream.channels(), ["/laser", "/laser"]);
 }
 
 #[test]

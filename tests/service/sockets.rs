@@ -70,7 +70,13 @@ fn json_lines_over_tcp_and_unix() {
         stream,
     };
     client.send(lines(0..1000) + "{\"topic\":\"/none\",\"value\":1}\n{\"end\":true}\n");
-    assert_eq!(client.answer(), "{\"done\":{\"messages\":1001}}");
+    let reason = "\"reason\":\"no rod reads the topic /none\"";
+    let left_out = format!("{{\"messages\":1,{reason}}}");
+    assert_eq!(client.answer(), format!("{{\"left_out\":{left_out}}}"));
+    assert_eq!(
+        client.answer(),
+        format!("{{\"done\":{{\"left_out\":[{left_out}],\"messages\":1001}}}}")
+    );
 
     let streams = daemon.ledger.streams();
     assert_eq!(streams.len(), 2);
@@ -277,9 +283,16 @@ sys.stdout.write(connection.makefile("r").read())
         .output()
         .unwrap();
     let said = String::from_utf8(output.stdout).unwrap();
+    // Told with the first message of the connection, and counted at the end of each stream.
+    let left_out =
+        |messages: u32| format!("{{\"messages\":{messages},\"reason\":\"no rod reads the topic /none\"}}");
+    let done = format!(
+        "{{\"done\":{{\"left_out\":[{}],\"messages\":2000}}}}\n",
+        left_out(1000)
+    );
     assert_eq!(
         said,
-        "{\"done\":{\"messages\":2000}}\n".repeat(3),
+        format!("{{\"left_out\":{}}}\n{}", left_out(1), done.repeat(3)),
         "{}",
         String::from_utf8_lossy(&output.stderr)
     );

@@ -113,9 +113,13 @@ impl<T: AsyncRead + AsyncWrite + Send + Unpin> Socket for T {}
 pub(super) fn refusal(fault: &std::io::Error) -> Option<String> {
     let fault = fault.get_ref()?.downcast_ref::<rustls::Error>()?;
     match fault {
+        // TLS has one alert for both ends of the time of a certificate.
+        rustls::Error::AlertReceived(AlertDescription::CertificateExpired) => Some(
+            "it does not accept our certificate: by its clock it has ended, or is not valid yet (CertificateExpired)"
+                .to_owned(),
+        ),
         rustls::Error::AlertReceived(
-            alert @ (AlertDescription::CertificateExpired
-            | AlertDescription::CertificateRevoked
+            alert @ (AlertDescription::CertificateRevoked
             | AlertDescription::CertificateUnknown
             | AlertDescription::BadCertificate
             | AlertDescription::UnsupportedCertificate

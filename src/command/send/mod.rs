@@ -6,6 +6,7 @@ mod stream;
 
 use super::BadArguments;
 use super::progress::Progress;
+use crate::config::settings::ingest::names;
 use crate::recording::read;
 use crate::service::ingest::{LeftOut, Reply};
 use crate::service::journal::MAX_MESSAGE;
@@ -13,7 +14,7 @@ use crate::site::clock;
 use link::{Address, Link, TlsArgs};
 use playback::{Message, Piece, Playback};
 use std::cell::{Cell, RefCell};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::io;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -47,6 +48,7 @@ const BACK_OFF: (Duration, Duration) = (Duration::from_secs(1), Duration::from_s
   tirante send day.mcap --to unix:///run/tirante/ingest.sock \\
       --sender north-laser --speed 10
   tirante send day.mcap --to tcp://127.0.0.1:7415 --speed max --stamp-now
+  tirante send day.mcap --to tcp://127.0.0.1:7415 --topic '/nave/*'
   tirante send day.mcap --to tcp://tower.example:7415 --tls-ca ca.pem \\
       --tls-certificate me.pem --tls-key me.key
 
@@ -54,7 +56,8 @@ Log times decide when a message is sent. With --sender the daemon acknowledges
 what is on its disk; after a cut the command connects again (after 1 s, then
 longer, up to 30 s) and goes on from there. Without --sender a cut is the end.
 Exit code 0 says that everything is durable; 1 that it is not, or that a
-recording is damaged; 3 that some was left out, with the reason.")]
+recording is damaged; 3 that some was left out, with the reason: topics that no
+rod reads, among others. With --topic they are not sent, and nothing is left out.")]
 pub struct Args {
     /// MCAP recordings, or folders of them; sent in the order of their data.
     #[arg(value_name = "FILE", required = true)]
@@ -72,6 +75,10 @@ pub struct Args {
     #[arg(long, requires = "sender", conflicts_with = "stamp_now")]
     pub resume: bool,
 
+    /// Send only the messages of this topic; a `*` at the end stands for anything. Repeatable.
+    #[arg(long = "topic", value_name = "TOPIC")]
+    pub topics: Vec<String>,
+
     /// Speed as a multiple of the recorded one, or max.
     #[arg(long, value_name = "TIMES", default_value = "1")]
     pub speed: Speed,
@@ -84,6 +91,13 @@ pub struct Args {
     /// TLS options.
     #[command(flatten)]
     pub tls: TlsArgs,
+}
+
+impl Args {
+    /// True if messages of a topic are to be sent.
+    fn wants(&self, topic: &str) -> bool {
+        self.topics.is_empty() || self.topics.iter().any(|pattern| names(pattern, topic))
+    }
 }
 
 /// Speed of sending.
@@ -287,6 +301,8 @@ impl Errand<'_> {
         let mut messages = 0;
         let mut losses = 0;
         let mut too_large = 0;
+        // Channels of the open recording that are not asked for.
+        let mut unwanted = HashSet::new();
         // When the chunk under way is to be closed.
         let mut flush_at = None;
         let mut on_answer = |reply| self.heard(reply);
@@ -294,8 +310,14 @@ impl Errand<'_> {
             let mut message = match piece {
                 Piece::File => {
                     stream.begin_file();
+                    unwanted.clear();
                     continue;
                 }
+                Piece::Channel(channel) if !self.args.wants(&channel.topic) => {
+                    unwanted.insert(channel.id);
+                    continue;
+                }
+                Piece::Message(message) if unwanted.contains(&message.channel) => continue,
                 Piece::Channel(channel) => {
                     stream.channel(&channel)?;
                     continue;

@@ -51,9 +51,19 @@ impl Stream {
             Some((name, encoding, data)) => self.writer.add_schema(name, encoding, data)?,
             None => 0,
         };
-        let id = self
+        let (topic, encoding) = (&channel.topic, &channel.encoding);
+        let mut id = self
             .writer
-            .add_channel(schema, &channel.topic, &channel.encoding, &BTreeMap::new())?;
+            .add_channel(schema, topic, encoding, &BTreeMap::new())?;
+        // Two channels of a recording that are alike stay two: the daemon must see that two sensors have one topic.
+        if self
+            .channels
+            .iter()
+            .any(|(other, known)| *other != channel.id && *known == id)
+        {
+            let own = BTreeMap::from([("channel".to_owned(), channel.id.to_string())]);
+            id = self.writer.add_channel(schema, topic, encoding, &own)?;
+        }
         self.channels.insert(channel.id, id);
         Ok(())
     }

@@ -74,10 +74,15 @@ pub struct BoundCertificate {
 impl BoundCertificate {
     /// True if the holder may send on a topic.
     pub fn allows(&self, topic: &str) -> bool {
-        self.topics.iter().any(|pattern| match pattern.strip_suffix('*') {
-            Some(beginning) => topic.starts_with(beginning),
-            None => pattern == topic,
-        })
+        self.topics.iter().any(|pattern| names(pattern, topic))
+    }
+}
+
+/// True if a pattern, exact or with a `*` at the end, names a topic.
+pub fn names(pattern: &str, topic: &str) -> bool {
+    match pattern.strip_suffix('*') {
+        Some(beginning) => topic.starts_with(beginning),
+        None => pattern == topic,
     }
 }
 

@@ -1,4 +1,4 @@
-//! Names and end of a certificate, and what its holder may send.
+//! Names and validity of a certificate, and what its holder may send.
 
 use super::server::TopicSet;
 use crate::analysis::signal::record::Timestamp;
@@ -10,13 +10,57 @@ use x509_parser::prelude::{FromDer, GeneralName, X509Certificate};
 /// Time before the end of a certificate from which it is reported \[s\].
 const NEAR_S: i64 = 30 * 86_400;
 
-/// Names and end of a certificate.
+/// Time for which a certificate, or a chain of them, is valid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Validity {
+    /// Time before which it is not valid \[s since 1970\].
+    pub begins_s: i64,
+    /// Time after which it is not valid \[s since 1970\].
+    pub ends_s: i64,
+}
+
+impl Validity {
+    /// Clause about a certificate that is not valid, or only for less than thirty days more.
+    pub fn warning(self, now_s: i64) -> Option<String> {
+        let time = |s: i64| Timestamp::from_nanos(s.saturating_mul(1_000_000_000));
+        let left_s = self.ends_s.saturating_sub(now_s);
+        if self.is_early(now_s) {
+            Some(format!(
+                "is not valid before {} (this machine's clock says {}; is it right?)",
+                time(self.begins_s),
+                time(now_s)
+            ))
+        } else if left_s < 0 {
+            Some(format!("ended on {}", time(self.ends_s)))
+        } else if left_s < NEAR_S {
+            Some(format!(
+                "ends on {}, in {} days",
+                time(self.ends_s),
+                left_s / 86_400
+            ))
+        } else {
+            None
+        }
+    }
+
+    /// True before its begin.
+    pub fn is_early(self, now_s: i64) -> bool {
+        now_s < self.begins_s
+    }
+
+    /// True if it is valid.
+    pub fn holds(self, now_s: i64) -> bool {
+        (self.begins_s..=self.ends_s).contains(&now_s)
+    }
+}
+
+/// Names and validity of a certificate.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Facts {
     /// Common name and DNS names of the holder.
     pub names: Vec<String>,
-    /// Time after which it is not valid \[s since 1970\].
-    pub ends_s: i64,
+    /// Time for which it is valid.
+    pub valid: Validity,
 }
 
 impl Facts {
@@ -47,7 +91,10 @@ impl Facts {
         }
         Ok(Self {
             names,
-            ends_s: parsed.validity().not_after.timestamp(),
+            valid: Validity {
+                begins_s: parsed.validity().not_before.timestamp(),
+                ends_s: parsed.validity().not_after.timestamp(),
+            },
         })
     }
 
@@ -57,24 +104,13 @@ impl Facts {
             .first()
             .map_or("a holder without a name", String::as_str)
     }
-
-    /// Clause about an end that has come, or comes within thirty days.
-    pub fn warning(&self, now_s: i64) -> Option<String> {
-        let end = Timestamp::from_nanos(self.ends_s.saturating_mul(1_000_000_000));
-        let left_s = self.ends_s.saturating_sub(now_s);
-        if left_s < 0 {
-            Some(format!("ended on {end}"))
-        } else if left_s < NEAR_S {
-            Some(format!("ends on {end}, in {} days", left_s / 86_400))
-        } else {
-            None
-        }
-    }
 }
 
 /// What a client may send; the default is everything.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Rights {
+    /// Name of the certificate's holder; `None` without a certificate.
+    holder: Option<String>,
     bound: Option<BoundCertificate>,
 }
 
@@ -84,8 +120,9 @@ impl Rights {
     /// # Errors
     /// There are entries, and none is for this certificate.
     pub fn of(facts: &Facts, bound: &[BoundCertificate]) -> Result<Self, String> {
+        let holder = Some(facts.name().to_owned());
         if bound.is_empty() {
-            return Ok(Self::default());
+            return Ok(Self { holder, bound: None });
         }
         let entry = bound
             .iter()
@@ -96,7 +133,15 @@ impl Rights {
                 facts.name()
             )
         })?;
-        Ok(Self { bound: Some(bound) })
+        Ok(Self {
+            holder,
+            bound: Some(bound),
+        })
+    }
+
+    /// Name of the certificate's holder; `None` without a certificate.
+    pub fn holder(&self) -> Option<&str> {
+        self.holder.as_deref()
     }
 
     /// Checks the name of a sender.

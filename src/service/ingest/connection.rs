@@ -7,6 +7,7 @@ use super::intake::{Intake, IntakeLine};
 use super::protocol::{Protocol, Refusal, Step};
 use super::reply::Reply;
 use super::server::{GREETING, Server, Socket, Topics, linger};
+use super::shares::Share;
 use super::writer::{Said, write};
 use crate::service::journal::{Closed, End, Entry};
 use crate::service::telemetry::{Fault, Via};
@@ -25,8 +26,8 @@ const READ_BYTES: usize = 64 << 10;
 /// Most bytes of incomplete data of all clients together.
 const MAX_HELD: usize = 64 << 20;
 
-/// Most answers that wait for the client to read them.
-const ANSWERS: usize = 16;
+/// Most answers that wait for the client to read them: each foreign topic's, and those of the streams.
+const ANSWERS: usize = 40;
 
 /// Longest time for a client to read its last answers.
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -41,6 +42,8 @@ enum Farewell {
     Crowded,
     /// All places are taken.
     Full,
+    /// The holder of the client's certificate has as many places as one may.
+    Crowd,
     /// The client's certificate does not allow what it sent.
     Forbidden(String),
     /// The client sent nothing valid, and others came.
@@ -125,6 +128,7 @@ enum Standing<'a> {
     /// It has a place, until it leaves.
     In {
         _place: OwnedSemaphorePermit,
+        _share: Share,
         _present: Present<'a>,
     },
 }
@@ -197,8 +201,12 @@ impl<I: Intake> Client<'_, I> {
             let step = self.protocol.next(clock::now_ns());
             if matches!(self.standing, Standing::Entering(_)) && self.protocol.has_spoken() {
                 let place = Arc::clone(&self.server.clients).try_acquire_owned();
+                let place = place.map_err(|_| Farewell::Full)?;
+                let holder = self.rights.holder();
+                let share = self.server.shares.enter(holder).ok_or(Farewell::Crowd)?;
                 self.standing = Standing::In {
-                    _place: place.map_err(|_| Farewell::Full)?,
+                    _place: place,
+                    _share: share,
                     _present: Present::of(&self.server.counts),
                 };
             }
@@ -219,6 +227,10 @@ impl<I: Intake> Client<'_, I> {
                     format_args!("{who}: messages are left out: {}", left_out.reason),
                 );
                 self.say(Said::Reply(Reply::LeftOut(left_out)));
+            }
+            // No fault: a recording may well hold more than the rods' topics. The sender must know all the same.
+            while let Some(stray) = self.protocol.take_stray() {
+                self.say(Said::Reply(Reply::LeftOut(stray)));
             }
             match step.map_err(Farewell::Garbage)? {
                 None => return Ok(()),
@@ -332,6 +344,13 @@ impl<I: Intake> Client<'_, I> {
             }
             Err(Farewell::Full) => {
                 let what = self.server.full();
+                health.fault(Fault::Refused, format_args!("{who}: turned away, {what}"));
+                Some((what, true))
+            }
+            Err(Farewell::Crowd) => {
+                let most = self.server.shares.most();
+                let what =
+                    format!("{most} clients with this certificate are connected already, the most of one");
                 health.fault(Fault::Refused, format_args!("{who}: turned away, {what}"));
                 Some((what, true))
             }

@@ -89,9 +89,9 @@ impl Protocol {
         }
     }
 
-    /// Sets topics that are always named in [`Protocol::strays`] when their messages are not kept.
+    /// Sets the topics that rods read: always named in [`Protocol::strays`] when their messages are not kept.
     pub fn name(&mut self, topics: Arc<TopicSet>) {
-        self.stream.named = topics;
+        self.stream.read = topics;
     }
 
     /// Changes the topics from here on.
@@ -152,17 +152,22 @@ impl Protocol {
 
     /// Number of messages of no rod's topic since the last call.
     pub fn take_foreign(&mut self) -> u64 {
-        mem::take(&mut self.stream.foreign)
+        self.stream.foreign.take_fresh()
     }
 
     /// First topics of this stream that belong to no rod.
     pub fn strays(&self) -> impl Iterator<Item = &str> {
-        self.stream.strays.iter().map(String::as_str)
+        self.stream.foreign.topics()
     }
 
-    /// Messages left out for the first time since the last call.
+    /// Messages too large, for the first time of this stream.
     pub fn take_left_out(&mut self) -> Option<LeftOut> {
         self.stream.take_news()
+    }
+
+    /// The next topic of this client that belongs to no rod and came for the first time.
+    pub fn take_stray(&mut self) -> Option<LeftOut> {
+        self.stream.foreign.take_news()
     }
 
     /// Next step by the bytes so far; `None` until more come. `now_ns` is the time of lines that have none
@@ -287,13 +292,13 @@ impl Protocol {
     }
 
     fn end(&mut self) -> Step {
-        let ended = mem::take(&mut self.stream);
-        self.stream.foreign = ended.foreign;
-        self.stream.strays.clone_from(&ended.strays);
-        self.stream.named = Arc::clone(&ended.named);
+        let mut ended = mem::take(&mut self.stream);
+        let left_out = ended.left_out();
+        self.stream.foreign = ended.foreign.carried();
+        self.stream.read = ended.read;
         Step::End {
             messages: ended.messages,
-            left_out: ended.left_out(),
+            left_out,
         }
     }
 

@@ -7,6 +7,7 @@ use super::entrance::{Entrance, Stay};
 use super::intake::Intake;
 use super::listener::{ListenError, Listener};
 use super::reply::Reply;
+use super::shares::Shares;
 use super::tls::Identity;
 use crate::config::RodConfig;
 use crate::config::settings::ingest::IngestSettings;
@@ -66,6 +67,8 @@ pub struct Server<I> {
     pub(super) turns: Semaphore,
     /// Places of clients that have sent valid data.
     pub(super) clients: Arc<Semaphore>,
+    /// Shares of the holders of certificates in them.
+    pub(super) shares: Shares,
     /// Bytes all clients together hold.
     pub(super) held: AtomicUsize,
     /// The connection of each sender: when a newer one takes its place, the older one ends.
@@ -87,6 +90,7 @@ impl<I: Intake> Server<I> {
         let tls = settings.tls.clone().map(Identity::read).transpose()?;
         Ok(Self {
             clients: Arc::new(Semaphore::new(settings.clients)),
+            shares: Shares::of(settings.clients),
             settings,
             topics,
             intake,

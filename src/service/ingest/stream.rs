@@ -1,5 +1,6 @@
 //! The stream of a client: its channels, its messages, and the batch they are gathered in.
 
+use super::foreign::Foreign;
 use super::protocol::Refusal;
 use super::queue::Queue;
 use super::reply::LeftOut;
@@ -7,7 +8,7 @@ use super::server::TopicSet;
 use crate::recording::note;
 use crate::recording::read::mcap::{Damage, Item, Progress, Reader};
 use crate::service::journal::{Batch, Definition, Entry, MAX_MESSAGE};
-use std::collections::{BTreeSet, HashMap, VecDeque};
+use std::collections::{HashMap, VecDeque};
 use std::mem;
 use std::sync::Arc;
 
@@ -23,9 +24,6 @@ const MAX_SCHEMA: usize = (1 << 20) + 1;
 
 /// Most channels of one stream on topics that rods read.
 const MAX_CHANNELS: usize = 1024;
-
-/// Largest number of topics of no rod that are kept per connection.
-const MOST_STRAYS: usize = 16;
 
 /// State of a stream.
 #[derive(Default)]
@@ -48,14 +46,11 @@ pub(super) struct Stream {
     weight: usize,
     /// Number of messages not yet in a batch.
     due: u64,
-    /// Number of messages of no rod's topic since the last call.
-    pub foreign: u64,
-    /// First topics of messages that belong to no rod.
-    pub strays: BTreeSet<String>,
-    /// Topics that are always among them when their messages are not kept.
-    pub named: Arc<TopicSet>,
-    /// Number of messages of this connection that were kept, and of those too large.
-    kept: u64,
+    /// Messages of topics that no rod reads.
+    pub foreign: Foreign,
+    /// Topics that rods read, those that this client may not send included.
+    pub read: Arc<TopicSet>,
+    /// Number of messages of this connection that were too large.
     too_large: u64,
     /// Messages left out for the first time, until reported.
     news: Option<LeftOut>,
@@ -129,8 +124,7 @@ impl Stream {
             // Not remembered: a client may name topics without end.
             None if !is_wanted(&topic, topics) => {
                 self.count();
-                self.foreign += 1;
-                stray(&mut self.strays, &topic, &self.named);
+                self.foreign.came(Some(&topic), &self.read);
                 return Ok(());
             }
             None => {
@@ -156,10 +150,8 @@ impl Stream {
         let channel = match self.channels.get_mut(&id) {
             Some(channel) if channel.is_wanted => channel,
             other => {
-                self.foreign += 1;
-                if let Some(channel) = other {
-                    stray(&mut self.strays, &channel.topic, &self.named);
-                }
+                let topic = other.map(|channel| channel.topic.as_str());
+                self.foreign.came(topic, &self.read);
                 return;
             }
         };
@@ -184,7 +176,6 @@ impl Stream {
                 schema: channel.schema.clone(),
             });
         }
-        self.kept += 1;
         self.weight += ENTRY_BYTES + data.len();
         self.entries.push(Entry::Message {
             channel: id,
@@ -208,20 +199,11 @@ impl Stream {
         self.news.take()
     }
 
-    /// Messages of this connection that were not kept. Those of other topics are listed only if there are no others:
-    /// then the topic is mistyped on one side.
+    /// Messages of this connection that were not kept.
     pub fn left_out(&self) -> Vec<LeftOut> {
-        let mut left_out = Vec::new();
-        if self.too_large > 0 {
-            left_out.push(too_large(self.too_large));
-        }
-        if self.kept == 0 && self.too_large == 0 && self.messages > 0 {
-            left_out.push(LeftOut {
-                messages: self.messages,
-                reason: "no rod reads their topics".to_owned(),
-            });
-        }
-        left_out
+        let too_large = (self.too_large > 0).then(|| too_large(self.too_large));
+        let foreign = self.foreign.left_out(&self.read);
+        too_large.into_iter().chain(foreign).collect()
     }
 
     /// The next full batch.
@@ -252,14 +234,6 @@ impl Stream {
 /// True if messages of a topic are kept; the journal's own notes come from no client.
 fn is_wanted(topic: &str, topics: &TopicSet) -> bool {
     topics.contains(topic) && topic != note::TOPIC
-}
-
-/// Keeps a topic whose messages are not kept, up to the limit or if it is to be named anyway.
-fn stray(strays: &mut BTreeSet<String>, topic: &str, named: &TopicSet) {
-    let has_room = strays.len() < MOST_STRAYS || named.contains(topic);
-    if has_room && topic != note::TOPIC && !strays.contains(topic) {
-        strays.insert(topic.to_owned());
-    }
 }
 
 fn too_large(messages: u64) -> LeftOut {

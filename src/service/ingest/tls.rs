@@ -1,7 +1,7 @@
 //! TLS for the TCP sockets: only clients with a certificate of the configured authority are admitted. Both
 //! sides of it.
 
-use super::certificate::{Facts, Rights};
+use super::certificate::{Facts, Rights, Validity};
 use super::listener::ListenError;
 use crate::config::settings::ingest::TlsSettings;
 use crate::service::telemetry::{Fault, Health, Via};
@@ -26,8 +26,8 @@ pub(super) struct Identity {
 struct Present {
     acceptor: TlsAcceptor,
     stamps: Vec<Option<Stamp>>,
-    /// End of the daemon's chain, and of the authority that ends last \[s since 1970\].
-    ends_s: [i64; 2],
+    /// Validity of the daemon's chain, and of its authorities together.
+    valid: [Validity; 2],
 }
 
 /// Device, inode, length and time of change of a file.
@@ -75,16 +75,15 @@ impl Identity {
             // The files before may have come back.
             health.over(Fault::Certificate, NEW);
         }
-        let ends = self.lock().ends_s;
-        for ((name, path), ends_s) in [("certificate", certificate), ("client_ca", client_ca)]
+        let valid = self.lock().valid;
+        for ((name, path), valid) in [("certificate", certificate), ("client_ca", client_ca)]
             .into_iter()
-            .zip(ends)
+            .zip(valid)
         {
-            health.credentials().ends(name, ends_s);
+            health.credentials().ends(name, valid.ends_s);
             // Two keys may name one file.
             let about = format!("{name} {}", path.display());
-            let names = Vec::new();
-            match (Facts { names, ends_s }).warning(now_s) {
+            match valid.warning(now_s) {
                 Some(warning) => health.hold(
                     Fault::Certificate,
                     &about,
@@ -120,18 +119,27 @@ impl Identity {
         let chain = connection.peer_certificates().unwrap_or_default();
         let facts = Facts::of(chain.first().ok_or("no certificate")?)?;
         let about = format!("client {}", facts.name());
-        match facts.warning(now_s) {
+        let is_refused = match facts.valid.holds(now_s) {
+            true => "it is refused from then on",
+            false => "it is refused",
+        };
+        match facts.valid.warning(now_s) {
             Some(warning) => health.hold(
                 Fault::Certificate,
                 &about,
-                format_args!("the certificate of {about} {warning}; it is refused from then on"),
+                format_args!("the certificate of {about} {warning}; {is_refused}"),
             ),
             None => health.over(Fault::Certificate, &about),
         }
         // A session that is taken up again shows its certificate without having it checked anew.
-        let rights = match facts.ends_s < now_s {
-            true => Err(format!("the certificate of {about} has ended: renew it")),
-            false => Rights::of(&facts, &self.settings.bound),
+        let rights = if facts.valid.holds(now_s) {
+            Rights::of(&facts, &self.settings.bound)
+        } else if facts.valid.is_early(now_s) {
+            Err(format!(
+                "the certificate of {about} is not valid yet by the daemon's clock"
+            ))
+        } else {
+            Err(format!("the certificate of {about} has ended: renew it"))
         };
         if rights.is_err() {
             health.credentials().denied(Via::Socket);
@@ -171,9 +179,29 @@ fn read(settings: &TlsSettings) -> Result<Present, ListenError> {
     let of_authority = |what: String| unusable("client_ca", &settings.client_ca, &what);
     let chain = certificates(&settings.certificate).map_err(of_chain)?;
     let authorities = certificates(&settings.client_ca).map_err(of_authority)?;
-    // A chain ends with its first link; of several authorities the last one counts while they are exchanged.
-    let chain_ends = ends(&chain).map_err(of_chain)?.into_iter().min();
-    let authority_ends = ends(&authorities).map_err(of_authority)?.into_iter().max();
+    // A chain is valid while all its links are; of several authorities one is enough while they are exchanged.
+    let of_links = validities(&chain).map_err(of_chain)?;
+    let of_authorities = validities(&authorities).map_err(of_authority)?;
+    let chain_valid = Validity {
+        begins_s: of_links
+            .iter()
+            .map(|link| link.begins_s)
+            .max()
+            .unwrap_or_default(),
+        ends_s: of_links.iter().map(|link| link.ends_s).min().unwrap_or_default(),
+    };
+    let authority_valid = Validity {
+        begins_s: of_authorities
+            .iter()
+            .map(|authority| authority.begins_s)
+            .min()
+            .unwrap_or_default(),
+        ends_s: of_authorities
+            .iter()
+            .map(|authority| authority.ends_s)
+            .max()
+            .unwrap_or_default(),
+    };
     let key =
         PrivateKeyDer::from_pem_file(&settings.key).map_err(|what| unusable("key", &settings.key, &what))?;
     let roots = roots(authorities).map_err(of_authority)?;
@@ -189,19 +217,19 @@ fn read(settings: &TlsSettings) -> Result<Present, ListenError> {
     Ok(Present {
         acceptor: TlsAcceptor::from(Arc::new(config)),
         stamps,
-        ends_s: [chain_ends, authority_ends].map(Option::unwrap_or_default),
+        valid: [chain_valid, authority_valid],
     })
 }
 
-fn ends(chain: &[CertificateDer<'_>]) -> Result<Vec<i64>, String> {
-    chain.iter().map(|der| Ok(Facts::of(der)?.ends_s)).collect()
+fn validities(chain: &[CertificateDer<'_>]) -> Result<Vec<Validity>, String> {
+    chain.iter().map(|der| Ok(Facts::of(der)?.valid)).collect()
 }
 
 /// The client's side: authority of the daemon's certificate, the client's own certificate and its key. Also
 /// returns a warning about a certificate that ends soon.
 ///
 /// # Errors
-/// One of the files cannot be used, or the client's certificate has ended.
+/// One of the files cannot be used, or the client's certificate is not valid.
 pub(crate) fn connector(
     authority: &Path,
     certificate: &Path,
@@ -216,9 +244,10 @@ pub(crate) fn connector(
     let first = chain.first().ok_or("no certificate")?;
     let facts = Facts::of(first).map_err(|what| named(certificate, what))?;
     let warning = facts
+        .valid
         .warning(now_s)
         .map(|what| format!("{}: this certificate {what}", certificate.display()));
-    if facts.ends_s < now_s {
+    if !facts.valid.holds(now_s) {
         return Err(warning.unwrap_or_default() + ": the daemon would refuse it; renew it");
     }
     let private = PrivateKeyDer::from_pem_file(key).map_err(|what| named(key, what.to_string()))?;

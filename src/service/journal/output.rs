@@ -26,6 +26,8 @@ pub(super) struct Channel {
     pub topic: String,
     pub encoding: String,
     pub schema: Option<Definition>,
+    /// Id in its stream, if another channel of the stream is like it: two sensors on one topic stay two.
+    pub twin: Option<u16>,
 }
 
 /// Bytes the MCAP writer has made.
@@ -145,7 +147,10 @@ impl Output {
                 self.mcap.add_schema(name, encoding, data).map_err(other)?
             }
         };
-        let metadata = BTreeMap::from([(crate::recording::note::STREAM.to_owned(), stream.to_owned())]);
+        let mut metadata = BTreeMap::from([(crate::recording::note::STREAM.to_owned(), stream.to_owned())]);
+        if let Some(twin) = channel.twin {
+            metadata.insert("channel".to_owned(), twin.to_string());
+        }
         self.channels += 1;
         self.held += 8 * (channel.topic.len() + stream.len() + 64);
         self.mcap

@@ -255,11 +255,16 @@ impl Writer {
                     encoding,
                     schema,
                 } => {
-                    let channel = Channel {
+                    let mut channel = Channel {
                         topic,
                         encoding,
                         schema,
+                        twin: None,
                     };
+                    let mut others = line.channels.iter().filter(|(other, _)| **other != id);
+                    if others.any(|(_, (other, _))| *other == channel) {
+                        channel.twin = Some(id);
+                    }
                     line.channels.insert(id, (channel, None));
                 }
                 Entry::Message {

@@ -26,6 +26,15 @@ pub struct Written {
 }
 
 impl Written {
+    /// Topic of every channel.
+    pub fn channels(&self) -> Vec<&str> {
+        let topics = self.entries.iter().filter_map(|entry| match entry {
+            Entry::Channel { topic, .. } => Some(topic.as_str()),
+            Entry::Message { .. } => None,
+        });
+        topics.collect()
+    }
+
     /// Topic and content of every message.
     pub fn messages(&self) -> Vec<(String, u64, Vec<u8>)> {
         let mut topics = HashMap::new();

@@ -10,6 +10,7 @@ use crate::site::clock;
 use crate::site::store::{self, Reader};
 use crate::site::text::escaped;
 use serde::Serialize;
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Show the state of every rod: force, change, alarms.
@@ -47,18 +48,32 @@ pub struct Args {
 /// # Errors
 /// No store is named, it cannot be read, it does not have the rod, or stdout cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let reader = Reader::open(&args.which.path()?)?;
+    let path = args.which.path()?;
+    let told = store::told(&path);
+    // A store that was taken away or damaged is why the daemon stopped.
+    show(args, &path, told.as_deref()).inspect_err(|_| {
+        let monitoring = told.as_deref().map(Monitoring::of_told);
+        say(monitoring.as_ref());
+    })
+}
+
+fn show(args: &Args, path: &Path, told: Option<&str>) -> anyhow::Result<ExitCode> {
+    let reader = Reader::open(path)?;
     let rod = check_rod(&reader, args.rod.as_deref())?;
     let now = clock::now();
-    let monitoring = Monitoring::of(&reader, store::is_held(reader.path()), now)?;
+    let monitoring = Monitoring::of(&reader, store::is_held(reader.path()), told, now)?;
     let text = text(&reader, rod.as_ref(), args.format, monitoring.as_ref())?;
-    for sentence in monitoring.iter().flat_map(Monitoring::sentences) {
-        tell!("{}", escaped(&sentence));
-    }
+    say(monitoring.as_ref());
     if text.is_empty() {
         tell!("{} has no records yet", reader.path().display());
     }
     super::print(text.as_bytes())
+}
+
+fn say(monitoring: Option<&Monitoring>) {
+    for sentence in monitoring.iter().flat_map(|monitoring| monitoring.sentences()) {
+        tell!("{}", escaped(&sentence));
+    }
 }
 
 /// Status of a store's rods, or of one; empty if it has none yet.

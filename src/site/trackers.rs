@@ -251,6 +251,18 @@ impl Site {
             .map(|(rod, _)| rod)
     }
 
+    /// Rods of which no temperature reading was ever believed, with the time since which they are expected, if records of them came.
+    pub fn unread(&self) -> impl Iterator<Item = (&RodId, Option<Timestamp>)> {
+        let of_unread = self
+            .trackers
+            .iter()
+            .filter(|(_, tracker)| tracker.state().thermometer.trusted_until().is_none());
+        of_unread.map(|(rod, tracker)| {
+            let since = tracker.state().latest.and_then(|_| self.expected.get(rod));
+            (rod, since.copied())
+        })
+    }
+
     /// Status of its rods; the store may have others, which are no longer configured.
     ///
     /// # Errors
@@ -264,6 +276,14 @@ impl Site {
     /// Closes the site and keeps its store's lock.
     pub fn reserve(self) -> Option<Reserved> {
         self.store.reserve()
+    }
+
+    /// See [`Store::keep_lock`].
+    ///
+    /// # Errors
+    /// Another process has the lock, or the file system refuses.
+    pub fn keep_lock(&mut self) -> Result<bool, StoreError> {
+        self.store.keep_lock()
     }
 
     /// Store of the site.

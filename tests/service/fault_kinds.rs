@@ -17,6 +17,7 @@ use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
+use std::os::unix::fs::FileExt;
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
@@ -681,6 +682,16 @@ fn disk_full() {
     daemon.wait("its begin is told", |_| !told_of(&fake, "disk-full").is_empty());
     let shown: Value = serde_json::from_str(&daemon.get("/api/v1/site")).unwrap();
     assert!(shown["monitoring"]["stopped_since"].is_string(), "{shown}");
+    // The store cannot tell it to those who read it.
+    let output = site
+        .command(&["status", "--store", "small/site.db"])
+        .output()
+        .unwrap();
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        words.contains("monitoring stopped since") && words.contains("no room on the disk"),
+        "{words}"
+    );
     let signs = came(&fake, "/alive").len();
     thread::sleep(Duration::from_secs(2));
     assert!(
@@ -743,6 +754,32 @@ fn files_that_are_taken_away_are_missed() {
             told_of(&fake, "files").len() == 2 + 2 * number
         });
     }
+    // The lock is taken anew, so that there is one writer.
+    fs::remove_file(site.path("site.db.lock")).unwrap();
+    daemon.wait("the lock is there again", |_| site.path("site.db.lock").exists());
+    daemon.expect("files", 3.0, "degraded");
+    assert_eq!(daemon.conditions("files"), 0);
+    // Without the index of the log, requests of people would not be seen.
+    let aside = site.path("aside");
+    fs::rename(site.path("site.db-shm"), &aside).unwrap();
+    daemon.expect("files", 4.0, "failing");
+    fs::rename(&aside, site.path("site.db-shm")).unwrap();
+    daemon.wait("it goes on", |daemon| daemon.conditions("files") == 0);
+    // A file that another program wrote into, and that has its bytes again.
+    let store = File::options()
+        .read(true)
+        .write(true)
+        .open(site.path("site.db"))
+        .unwrap();
+    let mut size = [0; 4];
+    store.read_exact_at(&mut size, 28).unwrap();
+    store.write_all_at(&[0x7f; 4], 28).unwrap();
+    daemon.expect("files", 5.0, "failing");
+    let output = site.command(&["status", "--store", "site.db"]).output().unwrap();
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(words.contains("written by another program"), "{words}");
+    store.write_all_at(&size, 28).unwrap();
+    daemon.wait("it goes on", |daemon| daemon.conditions("files") == 0);
     // One that is cut short does not come back.
     File::options()
         .write(true)
@@ -750,7 +787,7 @@ fn files_that_are_taken_away_are_missed() {
         .unwrap()
         .set_len(0)
         .unwrap();
-    daemon.expect("files", 3.0, "failing");
+    daemon.expect("files", 6.0, "failing");
     // In the log it is one of several lines within a minute.
     assert!(
         daemon.health().to_string().contains("was cut short"),

@@ -3,8 +3,13 @@
 use crate::analysis::signal::record::Timestamp;
 use crate::service::telemetry::{Condition, Fault};
 use crate::site::store::{Reader, StoreError};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::time::Instant;
+
+/// Longest reason told past the store, in characters.
+const LONGEST: usize = 400;
+/// Most conditions told past the store.
+const MOST: usize = 4;
 
 /// Three times the longest interval at which a daemon records in the store that it is working \[s\].
 const ALIVE_S: f64 = 900.0;
@@ -21,7 +26,7 @@ pub struct Monitoring {
 }
 
 /// A present condition of the daemon.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Lasting {
     /// Kind of the condition, as in `/healthz`.
     pub kind: String,
@@ -37,22 +42,37 @@ pub struct Lasting {
 
 impl Monitoring {
     /// State by the store at `now`; `None` if no daemon ever worked on it. `is_held`: true if a process
-    /// writes to it now, if known.
+    /// writes to it now, if known; `told` is what that process told past the store ([`Monitoring::past_the_store`]).
     ///
     /// # Errors
     /// The store cannot be read, or a row is damaged.
-    pub fn of(reader: &Reader, is_held: Option<bool>, now: Timestamp) -> Result<Option<Self>, StoreError> {
-        let Some(last) = reader.stretches()?.last().copied() else {
+    pub fn of(
+        reader: &Reader,
+        is_held: Option<bool>,
+        told: Option<&str>,
+        now: Timestamp,
+    ) -> Result<Option<Self>, StoreError> {
+        let mut conditions = told.map(past).unwrap_or_default();
+        let last = reader.stretches()?.last().copied();
+        if last.is_none() && conditions.is_empty() {
             return Ok(None);
+        }
+        for begun in reader.standing_notices()? {
+            let is_known = |known: &Lasting| known.kind == begun.fault && known.about == begun.about;
+            if !conditions.iter().any(is_known) {
+                conditions.push(Lasting {
+                    kind: begun.fault,
+                    about: begun.about,
+                    detail: begun.detail,
+                    since: begun.raised,
+                    is_told: false,
+                });
+            }
+        }
+        let mut monitoring = Self::by(conditions);
+        let Some(last) = last else {
+            return Ok(Some(monitoring));
         };
-        let conditions = reader.standing_notices()?.into_iter().map(|begun| Lasting {
-            kind: begun.fault,
-            about: begun.about,
-            detail: begun.detail,
-            since: begun.raised,
-            is_told: false,
-        });
-        let mut monitoring = Self::by(conditions.collect());
         if is_held == Some(false) {
             monitoring.stop(
                 last.to,
@@ -75,6 +95,30 @@ impl Monitoring {
             is_told: false,
         });
         Self::by(lasting.collect())
+    }
+
+    /// State by what a daemon told past its store alone ([`Monitoring::past_the_store`]).
+    pub fn of_told(told: &str) -> Self {
+        Self::by(past(told))
+    }
+
+    /// Text for those who can ask neither daemon nor store: the reasons why nothing is stored, empty if it is.
+    pub fn past_the_store(conditions: &[Condition], now: Timestamp) -> String {
+        let grave: Vec<Condition> = conditions
+            .iter()
+            .filter(|condition| condition.fault.is_grave())
+            .take(MOST)
+            .cloned()
+            .collect();
+        if grave.is_empty() {
+            return String::new();
+        }
+        let mut lasting = Self::live(&grave, now).conditions;
+        for one in &mut lasting {
+            one.detail = one.detail.chars().take(LONGEST).collect();
+            one.is_told = false;
+        }
+        serde_json::to_string(&lasting).unwrap_or_default()
     }
 
     fn by(conditions: Vec<Lasting>) -> Self {
@@ -124,6 +168,11 @@ impl Monitoring {
     }
 }
 
+/// Conditions in a text of [`Monitoring::past_the_store`]; none if it is another program's.
+fn past(told: &str) -> Vec<Lasting> {
+    serde_json::from_str(told).unwrap_or_default()
+}
+
 /// A time to the minute, which is as well as it is known: `2026-03-01 12:00 UTC`.
 fn minutes(time: Timestamp) -> String {
     let text = time.to_string();
@@ -165,5 +214,24 @@ mod tests {
                 "monitoring stopped since 2026-01-01 09:00 UTC: no daemon is at work; since 2026-01-01 10:00 UTC: there is no room"
             ]
         );
+    }
+
+    #[test]
+    fn what_is_told_past_the_store_stops_monitoring_and_fits_into_a_page() {
+        let health = crate::service::telemetry::Health::default();
+        health.hold(Fault::Sink, "mail", "it does not answer");
+        assert_eq!(
+            Monitoring::past_the_store(&health.conditions(), Timestamp::from_nanos(0)),
+            ""
+        );
+        for number in 0..10 {
+            health.hold(Fault::DiskFull, &format!("disk {number}"), "no room ".repeat(200));
+        }
+        let told = Monitoring::past_the_store(&health.conditions(), Timestamp::from_nanos(0));
+        assert!(told.len() < 4000, "{}", told.len());
+        let monitoring = Monitoring::of_told(&told);
+        assert!(monitoring.stopped_since.is_some());
+        assert!(monitoring.sentences()[0].starts_with("monitoring stopped since"));
+        assert!(Monitoring::of_told("written by another").conditions.is_empty());
     }
 }

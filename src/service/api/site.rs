@@ -83,7 +83,7 @@ impl SiteAnswer {
             site: config.map_or_else(|| "Site".to_owned(), |[_, site, _]| site),
             version: env!("CARGO_PKG_VERSION"),
             silence_s: terms.map(|terms| terms.silence_s),
-            monitoring: Monitoring::of(reader, None, clock::now())?,
+            monitoring: Monitoring::of(reader, None, None, clock::now())?,
             rods,
         })
     }

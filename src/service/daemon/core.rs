@@ -12,13 +12,14 @@ use crate::analysis::signal::record::{Rejection, RodId, Timestamp};
 use crate::recording::note;
 use crate::recording::read::Place;
 use crate::recording::read::{SourceError, Summary};
+use crate::service::api::Monitoring;
 use crate::service::forward::SINK;
 use crate::service::telemetry::{Fault, Health};
 use crate::site::analyse::{Analysed, LastSeen};
 use crate::site::clock;
 use crate::site::driver::{Done, Held, Job};
 use crate::site::prepared::Generation;
-use crate::site::store::{self, ConditionEvent, FileMark, Standing, StoreError};
+use crate::site::store::{self, ConditionEvent, FileMark, Reserved, Standing, StoreError};
 use crate::site::trackers::{Note, Site, Taken};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -95,6 +96,8 @@ pub struct Core {
     vigil: Vigil,
     health: Arc<Health>,
     stopping: Arc<AtomicBool>,
+    /// True while the lock says why nothing is stored.
+    has_told: bool,
     notify: Box<dyn Fn(Notice<'_>) + Send>,
 }
 
@@ -134,6 +137,7 @@ impl Core {
             vigil,
             health,
             stopping,
+            has_told: false,
             notify,
         };
         core.left_out.retain(&core.generation.config, &core.health);
@@ -328,6 +332,7 @@ impl Core {
         let config = &self.generation.config;
         self.vigil.tick(self.site.as_ref(), config, is_caught_up);
         self.vigil.look();
+        self.tell(None);
         if let Some((notices, stretch)) = self.vigil.due() {
             self.durable(|site| site.watch(&notices, stretch))?;
             self.vigil.kept(notices.len());
@@ -395,6 +400,7 @@ impl Core {
             for notice in self.vigil.look() {
                 (self.notify)(Notice::Untold(&notice));
             }
+            self.tell(reserved.as_ref());
             thread::sleep(LOOK);
             looks -= 1;
             if looks > 0 {
@@ -426,13 +432,21 @@ impl Core {
     /// Checks if the store is still the file that is written. If not, nothing is stored or acknowledged, and
     /// messages go past the store, until the same file is back or the daemon is restarted.
     fn look_at_files(&mut self) -> Result<(), CoreError> {
+        if self.site.as_mut().map_or(Ok(false), Site::keep_lock)? {
+            let detail = format!(
+                "the lock of {} was removed, and is taken anew: look if another program wrote into the store",
+                self.about()
+            );
+            self.health.fault(Fault::Files, detail);
+        }
         let begun = Instant::now();
         let mut is_lost = false;
         while let Err((path, what)) = self.guard.look() {
             self.halted.store(true, Ordering::Relaxed);
             let detail = format!(
                 "{} {what} while it was written: nothing is kept or acknowledged. Bring the very file back and it goes on; or \
-                 start the daemon anew: it begins a new store if there is none, and reads again what folder and journal hold",
+                 start the daemon anew: it begins a new store if there is none or it is damaged, and reads again what folder and \
+                 journal hold",
                 path.display()
             );
             self.health.hold(Fault::Files, &self.about(), detail);
@@ -446,6 +460,7 @@ impl Core {
             for notice in self.vigil.look() {
                 (self.notify)(Notice::Untold(&notice));
             }
+            self.tell(None);
             thread::sleep(LOOK);
         }
         if is_lost {
@@ -454,6 +469,20 @@ impl Core {
             self.silence.forgive(begun.elapsed());
         }
         Ok(())
+    }
+
+    /// Tells those who can ask neither this daemon nor its store why nothing is stored, by the lock: `reserved`, or the open store's.
+    fn tell(&mut self, reserved: Option<&Reserved>) {
+        let text = Monitoring::past_the_store(&self.health.conditions(), clock::now());
+        if text.is_empty() && !self.has_told {
+            return;
+        }
+        self.has_told = !text.is_empty();
+        match (reserved, &self.site) {
+            (Some(reserved), _) => reserved.tell(&text),
+            (None, Some(site)) => site.store().tell(&text),
+            (None, None) => {}
+        }
     }
 
     /// Subject of a condition of the store.

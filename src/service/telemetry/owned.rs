@@ -15,6 +15,8 @@ pub enum Lost {
     Replaced,
     /// It is shorter than it was.
     Truncated,
+    /// Another program wrote into it.
+    Overwritten,
     /// Its file system is read-only.
     ReadOnly,
     /// The system gives no information.
@@ -27,6 +29,7 @@ impl fmt::Display for Lost {
             Self::Removed => "was removed",
             Self::Replaced => "was replaced by another file",
             Self::Truncated => "was cut short",
+            Self::Overwritten => "was written by another program (a backup copied over it?)",
             Self::ReadOnly => "is on a file system that was made read-only",
             Self::Unknown => "cannot be looked at",
         })

@@ -15,6 +15,7 @@ mod dump;
 mod error;
 mod file_id;
 mod gathered;
+mod head;
 mod kinds;
 mod lock;
 mod open;
@@ -41,6 +42,7 @@ pub use command::{Judged, command_id, latest_command, put_command};
 pub use commit::{Commit, NewRecord, Position, RodRow};
 pub use error::StoreError;
 pub use file_id::FileId;
+pub use head::Head;
 pub use kinds::ColumnKind;
 pub use lock::Reserved;
 pub use open::Durability;
@@ -72,7 +74,7 @@ pub struct Store {
     kept: Kept,
     moved_aside: Option<PathBuf>,
     is_grouping: bool,
-    _lock: Option<Lock>,
+    lock: Option<Lock>,
 }
 
 /// A writer can read, too.
@@ -106,7 +108,7 @@ impl Store {
             kept: Kept::new(true),
             moved_aside: opened.moved_aside,
             is_grouping: false,
-            _lock: Some(opened.lock),
+            lock: Some(opened.lock),
         })
     }
 
@@ -137,13 +139,31 @@ impl Store {
             kept: Kept::new(true),
             moved_aside: None,
             is_grouping: false,
-            _lock: None,
+            lock: None,
         })
     }
 
     /// Closes the store and keeps its lock, until the lock is dropped to open it again.
     pub fn reserve(self) -> Option<Reserved> {
-        self._lock.map(Reserved)
+        self.lock.map(Reserved)
+    }
+
+    /// Writes a text for those who cannot ask this process, beside the store ([`told`]); empty if nothing is wrong. Needs no room on
+    /// the disk.
+    pub fn tell(&self, text: &str) {
+        if let Some(lock) = &self.lock {
+            // Nothing can be done where even this is refused.
+            let _ = lock.tell(text);
+        }
+    }
+
+    /// Takes the lock anew if its file was removed or replaced; returns true if it had to.
+    ///
+    /// # Errors
+    /// Another process has taken it meanwhile, or the file system refuses.
+    pub fn keep_lock(&mut self) -> Result<bool, StoreError> {
+        let path = &self.reader.path;
+        self.lock.as_mut().map_or(Ok(false), |lock| lock.renew(path))
     }
 
     /// Path to which a damaged store was moved when this one was opened.
@@ -359,6 +379,12 @@ fn write_config(connection: &Connection, hash: &str, site: &str, effective: &str
 pub fn is_held(path: &Path) -> Option<bool> {
     let path = std::fs::canonicalize(path).ok()?;
     lock::holder(&path).ok().map(|holder| holder.is_some())
+}
+
+/// Text of the process that writes the store at `path` ([`Store::tell`]); `None` if none does, or nothing is wrong.
+pub fn told(path: &Path) -> Option<String> {
+    // The store itself may be gone.
+    lock::told(&std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned()))
 }
 
 /// Error if another process writes the store at `path`, so that it cannot be written now.

@@ -1,15 +1,14 @@
 //! Opens a store: checks owner, format and integrity; a damaged one is moved aside.
 
+use super::head::{HEAD, head_of};
 use super::lock::{Lock, beside};
-use super::{FileId, StoreError, row, schema};
+use super::{StoreError, row, schema};
 use crate::analysis::signal::record::RodId;
 use rusqlite::{Connection, ErrorCode, OpenFlags};
 use std::collections::{HashMap, HashSet};
 use std::fs::{self, File};
-use std::io::{self, ErrorKind};
-use std::os::unix::fs::FileExt;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 /// Longest wait of one process for another's transaction.
@@ -17,9 +16,6 @@ const PATIENCE: Duration = Duration::from_secs(20);
 
 /// Number of prepared statements kept: all that a commit uses.
 const STATEMENTS: usize = 64;
-
-/// Length of the header of an SQLite file \[bytes\].
-const HEAD: usize = 100;
 
 /// First bytes of every SQLite file.
 const MAGIC: &[u8; 16] = b"SQLite format 3\0";
@@ -341,39 +337,6 @@ fn open_whole(path: &Path, durability: Durability, was_store: bool) -> Result<(C
     };
     write().map_err(judged)?;
     Ok((connection, known))
-}
-
-/// The first bytes of a file, at most [`HEAD`].
-///
-/// It stays open to the end of the process: who closes a file lets go of every POSIX lock the process has on it, those of SQLite's
-/// connections among them, and the next process that ends its own would take the write-ahead log away from under them
-/// (<https://sqlite.org/howtocorrupt.html>, 2.2). The room of a store that is removed is free when the process ends.
-fn head_of(path: &Path) -> io::Result<Vec<u8>> {
-    static OPEN: Mutex<Vec<(FileId, File)>> = Mutex::new(Vec::new());
-    let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
-    let wanted = FileId::from(&fs::metadata(path)?);
-    let known = open.iter().position(|(known, _)| *known == wanted);
-    let place = known.unwrap_or(open.len());
-    if known.is_none() {
-        // Another file may have come to this place by now.
-        let file = File::open(path)?;
-        let found = FileId::from(&file.metadata()?);
-        open.push((found, file));
-    }
-    let mut head = vec![0; HEAD];
-    let mut length = 0;
-    if let Some((_, file)) = open.get(place) {
-        while let Some(rest) = head.get_mut(length..).filter(|rest| !rest.is_empty()) {
-            match file.read_at(rest, length as u64) {
-                Ok(0) => break,
-                Ok(read) => length += read,
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) => return Err(error),
-            }
-        }
-    }
-    head.truncate(length);
-    Ok(head)
 }
 
 /// Checks that the file's first bytes are a store's, or those of one that was damaged.

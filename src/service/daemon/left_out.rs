@@ -1,5 +1,6 @@
 //! Sensors of rods with several that are left out of record after record: a condition each, until one is used again.
 
+use super::unread;
 use crate::analysis::identify::{LeftOut, Sensors};
 use crate::analysis::signal::record::RodId;
 use crate::config::Config;
@@ -39,8 +40,11 @@ impl Runs {
         let conditions = health.conditions();
         let is_configured = |text: &str| {
             config.rods.iter().any(|rod| {
+                let id = &rod.analysis.rod;
                 let mut sensors = rod.analysis.sensors.iter();
-                sensors.any(|sensor| about(&rod.analysis.rod, &sensor.name) == text)
+                let thermometer = rod.channels.temperature.as_ref();
+                sensors.any(|sensor| about(id, &sensor.name) == text)
+                    || thermometer.is_some_and(|channel| unread::about(id, &channel.topic) == text)
             })
         };
         for condition in conditions.iter().filter(|held| held.fault == Fault::LeftOut) {

@@ -1,4 +1,5 @@
-//! Topics that belong to no rod, while nothing comes of a rod or of one of its sensors: most likely one is a misspelling of the other.
+//! Topics that belong to no rod, while nothing comes of a rod, of one of its sensors, or of its thermometer: most likely one is a
+//! misspelling of the other.
 
 use super::left_out;
 use crate::config::{Config, RodConfig, nearest};
@@ -17,18 +18,34 @@ struct Unheard<'c> {
     rod: &'c str,
     /// Table of the configuration that names it.
     table: &'static str,
-    /// True for one sensor of a rod that has data: it may as well be dead, so only a topic much like it counts.
+    /// True for one sensor of a rod that has data, and for a thermometer: it may as well be dead, so only a topic much like it counts.
     is_one_of_several: bool,
 }
 
 impl Misnamed {
-    /// Checks the topics received; `is_unheard`: true for a rod without data. While every rod and sensor has data, other topics are
-    /// ignored.
-    pub fn look(&mut self, health: &Health, config: &Config, is_unheard: impl Fn(&RodConfig) -> bool) {
+    /// Checks the topics received; `is_unheard`: true for a rod without data, `is_unread` for one without a temperature reading so far.
+    /// While every rod, sensor and thermometer has data, other topics are ignored.
+    pub fn look(
+        &mut self,
+        health: &Health,
+        config: &Config,
+        is_unheard: impl Fn(&RodConfig) -> bool,
+        is_unread: impl Fn(&RodConfig) -> bool,
+    ) {
         let unheard: Vec<Unheard<'_>> = config
             .rods
             .iter()
-            .flat_map(|rod| unheard(rod, is_unheard(rod), health))
+            .flat_map(|rod| {
+                let sensors = unheard(rod, is_unheard(rod), health);
+                let thermometer = rod.channels.temperature.as_ref().filter(|_| is_unread(rod));
+                let thermometer = thermometer.map(|channel| Unheard {
+                    topic: &channel.topic,
+                    rod: &rod.analysis.rod.0,
+                    table: "[rod.temperature]",
+                    is_one_of_several: true,
+                });
+                sensors.into_iter().chain(thermometer)
+            })
             .collect();
         let mut holds = BTreeSet::new();
         for topic in health.strays().topics() {
@@ -102,7 +119,7 @@ mod tests {
         for topic in ["/laser/secnd", "/imu"] {
             health.strays().came(topic);
         }
-        let mut look = || misnamed.look(&health, &config, |_| false);
+        let mut look = || misnamed.look(&health, &config, |_| false, |_| false);
         look();
         assert!(health.conditions().is_empty());
         let rod = &config.rods[0].analysis.rod;
@@ -122,6 +139,29 @@ mod tests {
         assert!(told[0].detail.contains("[[rod.sensor]]"));
         health.over(Fault::LeftOut, &left_out::about(rod, "/laser/second"));
         look();
+        assert!(health.conditions().is_empty());
+    }
+
+    #[test]
+    fn a_misspelled_topic_of_a_thermometer_is_named_though_every_rod_has_data() {
+        let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/config/todi.toml")).unwrap();
+        let text = text.replace(
+            "[rod.channel]\n",
+            "[rod.temperature]\ntopic = \"/niave/air\"\n[rod.channel]\n",
+        );
+        let config = Config::parse(&text, "todi.toml").unwrap();
+        let (health, mut misnamed) = (Health::default(), Misnamed::default());
+        for topic in ["/nave/air", "/imu"] {
+            health.strays().came(topic);
+        }
+        // A rod that was never heard of has a topic as well; the thermometer's is nearer.
+        for is_unheard in [false, true] {
+            misnamed.look(&health, &config, |_| is_unheard, |_| true);
+            let conditions = health.conditions();
+            let told = conditions.iter().find(|held| held.about == "/nave/air").unwrap();
+            assert!(told.detail.contains("is /niave/air") && told.detail.contains("[rod.temperature]"));
+        }
+        misnamed.look(&health, &config, |_| false, |_| false);
         assert!(health.conditions().is_empty());
     }
 }

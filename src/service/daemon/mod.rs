@@ -24,6 +24,7 @@ mod silence;
 pub mod steps;
 pub mod supervision;
 pub mod trial;
+mod unread;
 mod vigil;
 mod wall_clock;
 

@@ -1,6 +1,7 @@
 //! The watch over the daemon itself: its conditions, its clock, topics that belong to no rod.
 
 use super::misnamed::Misnamed;
+use super::unread;
 use super::wall_clock::{Began, WallClock};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::config::Config;
@@ -9,6 +10,7 @@ use crate::service::telemetry::{Fault, Health};
 use crate::site::clock;
 use crate::site::store::{ConditionEvent, Reader, StoreError, Stretch};
 use crate::site::trackers::Site;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -136,8 +138,14 @@ impl Vigil {
         }
         if let Some(site) = site {
             let unheard: Vec<&RodId> = site.unheard().collect();
-            self.misnamed
-                .look(&self.health, config, |rod| unheard.contains(&&rod.analysis.rod));
+            let unread: BTreeMap<&RodId, Option<Timestamp>> = site.unread().collect();
+            self.misnamed.look(
+                &self.health,
+                config,
+                |rod| unheard.contains(&&rod.analysis.rod),
+                |rod| unread.contains_key(&rod.analysis.rod),
+            );
+            unread::look(&self.health, config, &unread, clock::now());
         }
     }
 

@@ -38,7 +38,7 @@ pub enum Fault {
     Folder,
     /// Messages come on a topic of no rod, while a rod gets none.
     Topic,
-    /// A sensor of a rod with several is left out of its records.
+    /// A sensor of a rod with several is left out of its records, or nothing comes of a rod's thermometer.
     LeftOut,
     /// Store or journal are no longer the files that are written, or can no longer be written.
     Files,
@@ -142,7 +142,7 @@ impl Fault {
                 "a topic comes that belongs to no rod, while nothing comes of a rod or of one of its sensors"
             }
             Self::LeftOut => {
-                "a sensor of a rod with several is left out of its records: the others give the force"
+                "a sensor of a rod with several is left out of its records, or nothing comes of a rod's thermometer"
             }
             Self::Files => "store or journal were removed, replaced, cut short or made read-only",
             Self::Clock => "the clock of the machine jumped, or is not believed",

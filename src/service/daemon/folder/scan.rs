@@ -20,6 +20,8 @@ use std::time::{Duration, Instant, SystemTime};
 const SCAN_EVERY: Duration = Duration::from_secs(1);
 /// Scans take at most one part in this many of the time.
 const SCAN_SHARE: u32 = 20;
+/// Most links named at once.
+const MOST_NAMED: usize = 20;
 /// Most growing recordings read at once.
 const MOST_GROWING: usize = 64;
 /// Subject of the condition that there are more.
@@ -71,10 +73,9 @@ impl Folder {
                 self.health.hold(Fault::Folder, GROWING, detail);
             }
         }
-        for name in links.difference(&self.links) {
-            let path = self.path.join(name);
-            let detail = format!("{}: a link, which is not followed", path.display());
-            self.health.fault(Fault::Folder, detail);
+        let new: Vec<&OsString> = links.difference(&self.links).collect();
+        if !new.is_empty() {
+            self.health.fault(Fault::Folder, not_followed(&self.path, &new));
         }
         self.links = links;
         for folder in &self.unreadable {
@@ -193,5 +194,43 @@ impl Folder {
         } else {
             Err(io::Error::other("not a regular file"))
         }
+    }
+}
+
+/// Sentence about links that are new; one line of the log names them all, because there is one a minute.
+fn not_followed(folder: &Path, links: &[&OsString]) -> String {
+    if let [link] = links {
+        return format!("{}: a link, which is not followed", folder.join(link).display());
+    }
+    let named = links.iter().take(MOST_NAMED).map(|link| label(link));
+    let mut names: Vec<String> = named.collect();
+    if links.len() > MOST_NAMED {
+        names.push(format!("{} more", links.len() - MOST_NAMED));
+    }
+    format!(
+        "{}: links, which are not followed: {}",
+        folder.display(),
+        names.join(", ")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn links_are_all_named_up_to_a_number() {
+        let links: Vec<OsString> = (0..25).map(|number| format!("l{number}.mcap").into()).collect();
+        let links: Vec<&OsString> = links.iter().collect();
+        let folder = Path::new("/in");
+        assert_eq!(
+            not_followed(folder, &links[..1]),
+            "/in/l0.mcap: a link, which is not followed"
+        );
+        assert_eq!(
+            not_followed(folder, &links[..2]),
+            "/in: links, which are not followed: l0.mcap, l1.mcap"
+        );
+        assert!(not_followed(folder, &links).ends_with("l19.mcap, 5 more"));
     }
 }

@@ -160,11 +160,11 @@ pub fn site(
     for rod in site.unfollowed() {
         tell!("warning: {rod} is in the store, but not in the configuration: no record of it is taken");
     }
-    for (rod, segment) in site.renewed() {
-        tell!(
-            "warning: the settings of {rod} changed: its new records begin a new baseline (segment {segment}); records \
-             kept before are not analysed again: replay them into another store for that"
-        );
+    for renewed in site.renewed() {
+        match renewed.is_found {
+            true => tell!("{renewed}"),
+            false => tell!("warning: {renewed}: replay them into another store for that"),
+        }
     }
     Ok(Prepared { generation, site })
 }

@@ -5,7 +5,7 @@ use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Segment, State};
 use crate::config::Config;
 use crate::site::prepared::key;
-use crate::site::store::{Reader, StoreError};
+use crate::site::store::{Reader, Shelved, StoreError};
 use std::fmt::Write;
 
 /// True if a rod's segment was measured with settings that have the key `wanted` by the rules of this program: an earlier one of the
@@ -39,15 +39,17 @@ fn has_key(config: Option<[String; 3]>, rod: &RodId, wanted: &str) -> bool {
     config.is_some_and(|config| key(&config, rod) == wanted)
 }
 
-/// Number and stored key of the latest shelved segment of a rod with the settings of the key `wanted`.
+/// The latest shelved segment of a rod with the settings of the key `wanted`.
 ///
 /// # Errors
 /// The store cannot be read.
-pub fn shelved(reader: &Reader, rod: &RodId, wanted: &str) -> Result<Option<(u32, String)>, StoreError> {
-    for (segment, key) in reader.shelved(rod)?.into_iter().rev() {
-        let is_of_this_analysis = version(&key) == version(wanted);
-        if key == wanted || is_of_this_analysis && is_measured_with(reader, rod, segment, wanted)? {
-            return Ok(Some((segment, key)));
+pub fn shelved(reader: &Reader, rod: &RodId, wanted: &str) -> Result<Option<Shelved>, StoreError> {
+    for shelved in reader.shelved(rod)?.into_iter().rev() {
+        let is_of_this_analysis = version(&shelved.key) == version(wanted);
+        if shelved.key == wanted
+            || is_of_this_analysis && is_measured_with(reader, rod, shelved.segment, wanted)?
+        {
+            return Ok(Some(shelved));
         }
     }
     Ok(None)
@@ -62,6 +64,11 @@ pub enum Fate {
     Kept,
     /// Earlier settings are back: the segment of this number continues.
     FoundAgain(u32),
+    /// Earlier settings are back, whose baseline was being learned: its segment continues.
+    LearnedOn(Learning),
+    /// The settings change the meaning of the numbers while a baseline is being learned: it rests, and another begins. Holds
+    /// these settings, as far as known.
+    Rests(Learning, Vec<String>),
     /// Another version of the program measures differently: the baseline must be learned again.
     Outdated,
     /// The settings change the meaning of the numbers: the baseline would be lost. Holds these settings, as
@@ -78,6 +85,17 @@ impl Fate {
     pub fn is_loss(&self) -> bool {
         matches!(self, Self::Lost(_) | Self::Renamed(_))
     }
+}
+
+/// A baseline that is being learned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Learning {
+    /// Its segment.
+    pub segment: u32,
+    /// Number of its records so far.
+    pub records: usize,
+    /// Number of records that it takes.
+    pub of: usize,
 }
 
 /// One rod and its baseline.
@@ -126,10 +144,17 @@ pub fn prospects(reader: &Reader, config: &Config) -> Result<Vec<Prospect>, Stor
         let found = shelved(reader, rod, &wanted)?;
         let fate = match (learned, found) {
             _ if has_same_settings(reader, state, &wanted)? => learned.map_or(Fate::None, |_| Fate::Kept),
-            (_, Some((segment, _))) => Fate::FoundAgain(segment),
-            (None, None) => Fate::None,
-            (Some(_), None) if version(&segment.key) != version(&wanted) => Fate::Outdated,
-            (Some(_), None) => Fate::Lost(changes(reader, config, rod, segment)?),
+            (_, Some(found)) if found.has_baseline => Fate::FoundAgain(found.segment),
+            (None, Some(found)) => Fate::LearnedOn(Learning {
+                segment: found.segment,
+                records: found.learning,
+                of: config.track.baseline_records,
+            }),
+            (None, None) if state.learned() == 0 => Fate::None,
+            (None, None) => rests(reader, config, state)?,
+            (Some(_), _) if version(&segment.key) != version(&wanted) => Fate::Outdated,
+            // One that is being learned is none for a baseline.
+            (Some(_), _) => Fate::Lost(changes(reader, config, rod, segment)?),
         };
         prospects.push(Prospect {
             rod: rod.clone(),
@@ -170,6 +195,20 @@ pub fn prospects(reader: &Reader, config: &Config) -> Result<Vec<Prospect>, Stor
 fn config_of(reader: &Reader, rod: &RodId, start: Timestamp) -> Result<Option<Config>, StoreError> {
     let before = reader.config_at(rod, start)?;
     Ok(before.and_then(|[_, _, text]| Config::parse(&text, "the store").ok()))
+}
+
+/// Fate of a baseline that is being learned, under other settings.
+fn rests(reader: &Reader, config: &Config, state: &State) -> Result<Fate, StoreError> {
+    let (rod, segment) = (&state.rod, state.segment.number);
+    let before = reader.config_in(rod, segment)?;
+    let before = before.and_then(|[_, _, text]| Config::parse(&text, "the store").ok());
+    let learning = Learning {
+        segment,
+        records: state.learned(),
+        of: before.as_ref().unwrap_or(config).track.baseline_records,
+    };
+    let changes = before.map_or_else(Vec::new, |before| config.changes_of(&before, rod));
+    Ok(Fate::Rests(learning, changes))
 }
 
 /// Version of the analysis in a key.
@@ -224,6 +263,22 @@ impl std::fmt::Display for Prospect {
                 f,
                 "rod {rod}: these are settings of before: the baseline of segment {before} goes on"
             ),
+            Fate::LearnedOn(Learning { segment, records, of }) => write!(
+                f,
+                "rod {rod}: these are settings of before: the baseline that segment {segment} was learning goes on ({records} of {of} \
+                 records)"
+            ),
+            Fate::Rests(Learning { segment, records, of }, changes) => {
+                write!(
+                    f,
+                    "rod {rod}: the baseline that is being learned rests ({records} of {of} records, segment {segment}) and begins anew \
+                     with these settings; it comes back with the old ones"
+                )?;
+                match &changes[..] {
+                    [] => Ok(()),
+                    changes => write!(f, ": {}", changes.join("; ")),
+                }
+            }
             Fate::Outdated => write!(
                 f,
                 "rod {rod}: the analysis changed with the program: a new baseline is learned{learned}"

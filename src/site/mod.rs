@@ -7,6 +7,7 @@
 //! * [`ordered_map`]    reading and computing at once, results in order
 //! * [`reanalysis`]     records analysed again from a store, without samples
 //! * [`pictures`]       waveforms and spectra of a store's pictures
+//! * [`resumption`]     a rod's tracker from its state in the store
 //! * [`trackers`]       the trackers of a site's rods, folded in the order of event time
 //! * [`store`]          what is remembered: SQLite, one transaction per record
 //! * [`found`]          what a record's samples showed, kept for an analysis without them
@@ -41,6 +42,8 @@ pub mod prepared;
 pub mod reanalysis;
 pub mod record_row;
 pub mod records;
+#[cfg(feature = "daemon")]
+pub mod resumption;
 #[cfg(feature = "daemon")]
 pub mod store;
 pub mod text;

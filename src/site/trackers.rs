@@ -6,12 +6,12 @@ use crate::analysis::signal::record::{Reading, RodId, Timestamp, is_one_motion};
 use crate::analysis::track::alarm::Board;
 use crate::analysis::track::{AlarmEvent, Kind, RodState, State, TrackPlan, Tracker, Verdict};
 use crate::site::analyse::Analysed;
-use crate::site::baselines;
 use crate::site::found::Found;
 use crate::site::motion;
 use crate::site::pictures::Pictures;
 use crate::site::prepared::Provenance;
 use crate::site::record_row::RecordRow;
+use crate::site::resumption::{self, Renewed, Resumed};
 use crate::site::store::{
     Asked, Carry, Commit, ConditionEvent, FileMark, NewRecord, Position, Reserved, RodRow, SnapshotRow,
     Standing, Store, StoreError, Stretch,
@@ -27,7 +27,7 @@ pub struct Site {
     retired: BTreeMap<RodId, State>,
     store: Store,
     config_hash: String,
-    renewed: Vec<(RodId, u32)>,
+    renewed: Vec<Renewed>,
     unfollowed: Vec<RodId>,
     /// Time since which each rod has been expected, by a daemon.
     expected: BTreeMap<RodId, Timestamp>,
@@ -82,7 +82,7 @@ pub enum Note<'a> {
 }
 
 impl Site {
-    /// Resumes from the store. A rod whose numbers have another meaning now begins a new segment.
+    /// Resumes from the store. A rod whose numbers have another meaning now begins a new segment, or goes on with one of before.
     ///
     /// # Errors
     /// The store cannot be read or written.
@@ -104,35 +104,11 @@ impl Site {
                     fresh.push(rod.clone());
                     Tracker::new(plan)
                 }
-                Some(mut state) => {
-                    if baselines::has_same_settings(&store, &state, plan.key())? {
-                        plan.key().clone_into(&mut state.segment.key);
-                    }
-                    let number = state.segment.number;
-                    let has_changed = state.segment.key != plan.key();
-                    let found = match has_changed {
-                        true => baselines::shelved(&store, &rod, plan.key())?,
-                        false => None,
-                    };
-                    let shelved = match found {
-                        Some((_, key)) => store.off_the_shelf(&rod, &key)?,
-                        None => None,
-                    };
-                    let shelved = shelved.map(|mut shelved: State| {
-                        plan.key().clone_into(&mut shelved.segment.key);
-                        shelved
-                    });
-                    if has_changed && state.segment.baseline.is_some() {
-                        store.shelve(&state)?;
-                    }
-                    let (tracker, events) = match shelved {
-                        Some(shelved) => Tracker::take_up(plan, shelved, state),
-                        None => Tracker::resume(plan, state),
-                    };
-                    let is_renewed = tracker.state().segment.number != number;
-                    if is_renewed {
-                        renewed.push((rod.clone(), tracker.state().segment.number));
-                    }
+                Some(state) => {
+                    let resumed = resumption::resume(&mut store, plan, state)?;
+                    let Resumed { tracker, events, .. } = resumed;
+                    let is_renewed = resumed.renewed.is_some();
+                    renewed.extend(resumed.renewed);
                     if is_renewed || unfollowed_before.contains(&rod) {
                         store.commit(&Commit {
                             rod: Some(row(&tracker, &tracker.rod_state(), &events)),
@@ -215,8 +191,8 @@ impl Site {
         Self::open(plans, self.store, provenance)
     }
 
-    /// Rods whose numbers have another meaning since the site was opened, with the segment they began.
-    pub fn renewed(&self) -> &[(RodId, u32)] {
+    /// Rods whose numbers have another meaning since the site was opened.
+    pub fn renewed(&self) -> &[Renewed] {
         &self.renewed
     }
 

@@ -9,6 +9,7 @@ mod site;
 mod backup;
 mod kill;
 mod replay_again;
+mod settings_again;
 mod store;
 mod store_commands;
 mod track;

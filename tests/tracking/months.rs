@@ -160,6 +160,28 @@ fn the_clock_alone_tells_that_there_is_no_data() {
     assert_eq!(events[0].alarm.kind, Kind::NoData);
     assert!(matches!(tracker.rod_state(), RodState::NotMonitoring { .. }));
     assert_eq!(tracker.look_at_clock(last.plus_seconds(6.0 * DAY_S)), []);
+
+    // Other settings have nothing to do with it, and neither have those that come back.
+    let alarms = tracker.state().alarms.clone();
+    let shelved = tracker.state().clone();
+    let (mut tracker, events) = Tracker::resume(scenario.plan("other key"), shelved.clone());
+    assert_eq!(
+        (events, tracker.state().segment.number, &tracker.state().alarms),
+        (Vec::new(), 2, &alarms)
+    );
+    assert_eq!(tracker.look_at_clock(last.plus_seconds(6.5 * DAY_S)), []);
+    let (mut tracker, events) = Tracker::take_up(scenario.plan("key"), shelved, tracker.state().clone());
+    assert_eq!(
+        (events, tracker.state().segment.number, &tracker.state().alarms),
+        (Vec::new(), 1, &alarms)
+    );
+    assert_eq!(tracker.look_at_clock(last.plus_seconds(7.0 * DAY_S)), []);
+    // A baseline that is asked for begins without alarms.
+    let events = tracker.rebaseline(None);
+    assert_eq!(
+        events.iter().map(|event| event.what).collect::<Vec<_>>(),
+        [What::Cleared]
+    );
 }
 
 #[test]

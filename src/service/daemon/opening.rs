@@ -103,10 +103,10 @@ pub(super) fn warn_of_renewed(site: &Site) {
             "{rod} is not in the configuration any more: no record of it is taken, and no alarm will come of it"
         );
     }
-    for (rod, segment) in site.renewed() {
-        tracing::warn!(
-            "the settings of {rod} changed: its new records begin a new baseline (segment {segment}); records kept before are \
-             not analysed again"
-        );
+    for renewed in site.renewed() {
+        match renewed.is_found {
+            true => tracing::info!("{renewed}"),
+            false => tracing::warn!("{renewed}"),
+        }
     }
 }

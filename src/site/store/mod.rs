@@ -52,6 +52,7 @@ pub use read::{Filter, Listing, Reader, Refusals, WithoutLine};
 pub use relay::{Reached, Relayed};
 pub use request::{Asked, Request};
 pub use resonance::{FoundRow, Made};
+pub use shelf::Shelved;
 pub use snapshot::{SnapshotRow, Snapshots};
 pub use standing::Standing;
 pub use vigil::{ConditionEvent, Stretch};

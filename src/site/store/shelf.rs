@@ -7,8 +7,25 @@ use crate::analysis::signal::record::RodId;
 use crate::analysis::track::State;
 use rusqlite::{Connection, OptionalExtension, TransactionBehavior};
 
-/// Number of states kept per rod, the latest ones.
+/// Number of states with a baseline kept per rod, and of states that learn one: the latest ones. Those that learn never take
+/// the place of a baseline.
 const MOST: i64 = 8;
+
+/// True of a shelved state that has no baseline yet.
+const LEARNS: &str = "json_type(json, '$.segment.baseline') = 'null'";
+
+/// A shelved state that may go on.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Shelved {
+    /// Number of its segment.
+    pub segment: u32,
+    /// Key of its settings.
+    pub key: String,
+    /// True if its baseline is learned.
+    pub has_baseline: bool,
+    /// Number of records that wait for the baseline.
+    pub learning: usize,
+}
 
 /// Condition of a shelved state that may go on: no later segment was opened on request, or because the clock had jumped. What
 /// was learned before work on the rod is never compared with what comes after it.
@@ -28,9 +45,16 @@ impl Store {
             let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
             let rod = &state.rod.0;
             transaction.execute(
-                "DELETE FROM shelf WHERE rod = ?1 AND (key = ?2 OR segment NOT IN
-                    (SELECT segment FROM shelf WHERE rod = ?1 ORDER BY segment DESC LIMIT ?3))",
-                (rod, &state.segment.key, MOST - 1),
+                &format!(
+                    "DELETE FROM shelf WHERE rod = ?1 AND (key = ?2 OR {LEARNS} = ?4 AND segment NOT IN
+                        (SELECT segment FROM shelf WHERE rod = ?1 AND {LEARNS} = ?4 ORDER BY segment DESC LIMIT ?3))"
+                ),
+                (
+                    rod,
+                    &state.segment.key,
+                    MOST - 1,
+                    state.segment.baseline.is_none(),
+                ),
             )?;
             Row::of("shelf")
                 .with("rod", rod.clone())
@@ -45,19 +69,29 @@ impl Store {
 }
 
 impl Reader {
-    /// Segments of a rod whose states are shelved and may go on, with the keys of their settings.
+    /// Shelved states of a rod that may go on, ascending.
     ///
     /// # Errors
     /// They cannot be read.
-    pub fn shelved(&self, rod: &RodId) -> Result<Vec<(u32, String)>, StoreError> {
-        let read = || -> rusqlite::Result<Vec<(u32, String)>> {
+    pub fn shelved(&self, rod: &RodId) -> Result<Vec<Shelved>, StoreError> {
+        let read = || -> rusqlite::Result<Vec<Shelved>> {
             // A store of an older format, which is only read.
             if !schema::has(&self.connection, "shelf")? {
                 return Ok(Vec::new());
             }
-            let sql = format!("SELECT segment, key FROM shelf WHERE rod = ? AND {VALID} ORDER BY segment");
+            let sql = format!(
+                "SELECT segment, key, {LEARNS}, coalesce(json_array_length(json, '$.learning'), 0)
+                 FROM shelf WHERE rod = ? AND {VALID} ORDER BY segment"
+            );
             let mut statement = self.connection.prepare_cached(&sql)?;
-            let rows = statement.query_map([&rod.0], |row| Ok((row.get(0)?, row.get(1)?)))?;
+            let rows = statement.query_map([&rod.0], |row| {
+                Ok(Shelved {
+                    segment: row.get(0)?,
+                    key: row.get(1)?,
+                    has_baseline: !row.get::<_, bool>(2)?,
+                    learning: usize::try_from(row.get::<_, u32>(3)?).unwrap_or_default(),
+                })
+            })?;
             rows.collect()
         };
         read().map_err(|error| self.fault(Failure::Sql(error)))

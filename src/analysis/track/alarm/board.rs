@@ -131,6 +131,11 @@ impl<'a> Board<'a> {
         self.clear_where(|_| true, time);
     }
 
+    /// Ends the condition of every alarm but of silence, which no settings end.
+    pub fn clear_all_but_silence(&mut self, time: Timestamp) {
+        self.clear_where(|alarm| alarm.kind != Kind::NoData, time);
+    }
+
     fn clear_where(&mut self, ends: impl Fn(&Alarm) -> bool, time: Timestamp) {
         for index in 0..self.alarms.len() {
             let alarm = &mut self.alarms[index];

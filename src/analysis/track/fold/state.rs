@@ -13,7 +13,7 @@ use crate::track::drift::others::Neighbour;
 use crate::track::drift::period::{self, Pending, Period};
 use crate::track::drift::watch::{DriftWatch, Witness};
 use crate::track::observation::Observation;
-use crate::track::plausibility::Plausibility;
+use crate::track::plausibility::{JUMP_S, Plausibility};
 use crate::track::thermometer::Thermometer;
 use serde::{Deserialize, Serialize};
 
@@ -145,6 +145,12 @@ impl State {
         blank == *self
     }
 
+    /// Number of records of the baseline, or of those that wait for it; zero while nothing is learned.
+    pub fn learned(&self) -> usize {
+        let baseline = self.segment.baseline.as_ref();
+        baseline.map_or(self.learning.len(), |baseline| baseline.records)
+    }
+
     /// True while the rods of the site are reported to move together, this one among them.
     pub(super) fn moves_with_others(&self) -> bool {
         let has_joined = self.watch.get().is_some_and(DriftWatch::has_joined);
@@ -189,18 +195,32 @@ impl State {
     }
 
     /// Continues this shelved state after its settings replaced those of `now` again: it keeps its own
-    /// learned data, and takes time, temperature, sensor and unacknowledged alarms of `now`.
+    /// learned data, and takes time, temperature, sensor and unacknowledged alarms of `now`. Records that wait for a baseline
+    /// keep their temperatures, and are dropped behind a hole that no baseline may have.
     pub fn back_after(mut self, now: &Self) -> Self {
+        let latest = self.latest.max(now.latest);
+        let last = self.learning.last().map(|last| last.start);
+        let is_behind = |last: Timestamp| latest.is_some_and(|latest| latest.seconds_since(last) > JUMP_S);
+        if last.is_some_and(is_behind) {
+            self.learning = Vec::new();
+            self.early = None;
+        }
+        if self.learning.is_empty() {
+            self.readings = now.readings.clone();
+            self.filters = now.filters.clone();
+        } else {
+            self.readings.extend_from_slice(&now.readings);
+            self.readings.sort_by_key(|reading| reading.time);
+            self.readings.dedup_by_key(|reading| reading.time);
+        }
         self.alarms = now.alarms.clone();
         self.watches = Watches::default();
         self.before = None;
         self.open = Vec::new();
-        self.readings = now.readings.clone();
-        self.filters = now.filters.clone();
         self.plausibility = now.plausibility.clone();
         self.thermometer = now.thermometer.clone();
         self.closed = self.closed.max(now.closed);
-        self.latest = self.latest.max(now.latest);
+        self.latest = latest;
         self.opened = now.opened.max(now.segment.number);
         self
     }

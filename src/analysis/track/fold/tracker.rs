@@ -55,7 +55,7 @@ impl Tracker {
     }
 
     /// Resumes from a state. If the meaning of the numbers has changed since, a new segment begins and the
-    /// alarms' conditions end; unacknowledged alarms stay active.
+    /// alarms' conditions end, but for silence; unacknowledged alarms stay active.
     pub fn resume(plan: Arc<TrackPlan>, state: State) -> (Self, Vec<AlarmEvent>) {
         let shift = state
             .segment
@@ -81,12 +81,12 @@ impl Tracker {
     }
 
     /// Continues a state that was shelved for other settings, now that its own settings are back: the
-    /// conditions of the present alarms end; unacknowledged alarms stay active.
+    /// conditions of the present alarms end, but for silence; unacknowledged alarms stay active.
     pub fn take_up(plan: Arc<TrackPlan>, shelved: State, now: State) -> (Self, Vec<AlarmEvent>) {
         let mut present = now;
         let mut board = Board::new(&present.rod, present.segment.number, &mut present.alarms);
         if let Some(time) = present.latest {
-            board.clear_all(time);
+            board.clear_all_but_silence(time);
         }
         let mut events = board.into_events();
         let (tracker, more) = Self::resume(plan, shelved.back_after(&present));
@@ -234,10 +234,13 @@ impl Tracker {
             .standing(track.baseline_records, track.learning_periods)
     }
 
-    /// Begins the next segment: the conditions of all alarms end at `time`.
+    /// Begins the next segment: the conditions of all alarms end at `time`, but for silence where settings alone changed.
     pub(crate) fn open_segment(&mut self, reason: Opening, anew_in_time: bool, time: Option<Timestamp>) {
         if let Some(time) = time {
-            self.on_board(|board| board.clear_all(time));
+            self.on_board(|board| match reason {
+                Opening::Changed => board.clear_all_but_silence(time),
+                Opening::First | Opening::Requested | Opening::Clock => board.clear_all(time),
+            });
         }
         let key = self.plan.key().to_owned();
         self.state = self.state.next_segment(reason, key, anew_in_time);

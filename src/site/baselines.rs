@@ -85,6 +85,15 @@ impl Fate {
     pub fn is_loss(&self) -> bool {
         matches!(self, Self::Lost(_) | Self::Renamed(_))
     }
+
+    /// First reason of a loss.
+    fn first_reason(&self) -> String {
+        match self {
+            Self::Renamed(name) => format!("its topic belongs to the new rod {name}"),
+            Self::Lost(changes) if !changes.is_empty() => changes[0].clone(),
+            _ => "its settings changed".to_owned(),
+        }
+    }
 }
 
 /// A baseline that is being learned.
@@ -113,8 +122,28 @@ pub struct Prospect {
 
 /// Settings that would drop baselines not given up.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0}")]
-pub struct Refused(String);
+#[error("{text}")]
+pub struct Refused {
+    text: String,
+    /// Rods that would lose theirs, each with the first reason.
+    lost: Vec<(RodId, String)>,
+}
+
+/// Most rods named in a short message.
+const NAMED: usize = 5;
+
+impl Refused {
+    /// The rods with the first setting that changed, for a message: `rod north (rod.priors.…: … -> …)`.
+    pub fn brief(&self) -> String {
+        let named = self.lost.iter().take(NAMED);
+        let mut named: Vec<String> = named.map(|(rod, why)| format!("rod {rod} ({why})")).collect();
+        let more = self.lost.len().saturating_sub(NAMED);
+        if more > 0 {
+            named.push(format!("{more} more"));
+        }
+        named.join(", ")
+    }
+}
 
 /// Reason why a configuration was refused, or could not be checked.
 #[derive(Debug, thiserror::Error)]
@@ -236,18 +265,19 @@ fn changes(
 /// # Errors
 /// The configuration would drop one, or the store cannot be read.
 pub fn guard(reader: &Reader, config: &Config, given_up: &[String]) -> Result<(), BaselineError> {
-    let mut refusal = String::new();
+    let (mut refusal, mut lost) = (String::new(), Vec::new());
     for prospect in prospects(reader, config)? {
         if prospect.fate.is_loss() && !given_up.contains(&prospect.rod.0) {
             // Writing to a string cannot fail.
             let _ = writeln!(refusal, "{prospect}");
+            lost.push((prospect.rod, prospect.fate.first_reason()));
         }
     }
     if refusal.is_empty() {
         return Ok(());
     }
     refusal += "say --accept-new-baseline ROD for each of them, or ask for it while the old configuration holds: tirante rebaseline ROD";
-    Err(Refused(refusal).into())
+    Err(Refused { text: refusal, lost }.into())
 }
 
 impl std::fmt::Display for Prospect {

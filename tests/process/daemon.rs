@@ -359,7 +359,9 @@ fn a_baseline_is_not_dropped_unasked_and_comes_back_with_its_settings() {
     );
     assert!(said.contains("rod south: the baseline stays"), "{said}");
     daemon.signal("-HUP");
-    daemon.wait_for("would drop a baseline, the old one holds");
+    daemon.wait_for(
+        "would drop a baseline, the old one holds: rod north (rod.priors.axial_force_n: { mean = 150000",
+    );
     daemon.stop();
     assert_eq!((segments("north"), segments("south")), (1, 1));
     let refused = site.run(&["run", "--config", "site.toml"]);

@@ -364,15 +364,16 @@ fn keep_old(options: &Options, health: &Health, error: &anyhow::Error) {
         tracing::error!("{line}");
     }
     let what = match error.downcast_ref::<baselines::BaselineError>() {
-        Some(baselines::BaselineError::Refused(_)) => {
-            "the new configuration would drop a baseline, the old one holds; `tirante check --against STORE` says which and why"
-        }
-        _ => "the new configuration is bad, the old one holds; `tirante check` lists its faults",
+        Some(baselines::BaselineError::Refused(refused)) => format!(
+            "the new configuration would drop a baseline, the old one holds: {}; `tirante check --against STORE` lists every change",
+            refused.brief()
+        ),
+        _ => "the new configuration is bad, the old one holds; `tirante check` lists its faults".to_owned(),
     };
     if health.lasts(Fault::Reload, &about(options)) {
-        health.fault(Fault::Reload, what);
+        health.fault(Fault::Reload, &what);
     } else {
-        health.hold(Fault::Reload, &about(options), what);
+        health.hold(Fault::Reload, &about(options), &what);
     }
     notify::ready("the new configuration is bad, the old one holds");
 }

@@ -159,6 +159,11 @@ fn the_clock_alone_tells_that_there_is_no_data() {
     assert_eq!(events.len(), 1);
     assert_eq!(events[0].alarm.kind, Kind::NoData);
     assert!(matches!(tracker.rod_state(), RodState::NotMonitoring { .. }));
+    assert!(
+        events[0].alarm.message.contains("look at its sensor (power, aim"),
+        "{}",
+        events[0].alarm.message
+    );
     assert_eq!(tracker.look_at_clock(last.plus_seconds(6.0 * DAY_S)), []);
 
     // Other settings have nothing to do with it, and neither have those that come back.

@@ -323,7 +323,9 @@ impl Tracker {
         let usual_s = self.state.usual_s().unwrap_or(0.0);
         let from = latest.plus_seconds(self.plan.alarm.silence_s.max(SILENCE_INTERVALS * usual_s));
         if time > from {
-            let message = format!("no usable record since {latest}");
+            let message = format!(
+                "no usable record since {latest}; look at its sensor (power, aim, cable), its sender and the topic of its channel"
+            );
             self.on_board(|board| board.raise_late(Kind::NoData, from, time, message, Known::default()));
         }
     }

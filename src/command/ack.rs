@@ -36,11 +36,11 @@ pub struct Args {
     #[arg(long)]
     pub all: bool,
 
-    /// Name of the person, kept with the alarm and shown on the page.
+    /// Name of the person, kept with the alarm and told with it by every list, export and sink.
     #[arg(long, value_name = "NAME")]
     pub by: Option<String>,
 
-    /// Note, kept with the alarm and shown on the page.
+    /// Note, kept and told likewise.
     #[arg(long, value_name = "TEXT")]
     pub note: Option<String>,
 

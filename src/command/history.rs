@@ -201,7 +201,12 @@ fn write_mcap(
         }
     }
     for alarm in reader.alarms(filter)? {
-        results.write(&Message::of_alarm(&alarm))?;
+        let AlarmAnswer {
+            alarm,
+            acknowledged_words,
+            ..
+        } = AlarmAnswer::of(reader, alarm)?;
+        results.write(&Message::of_alarm(&alarm, acknowledged_words.as_deref()))?;
     }
     results.finish()?;
     Ok(())
@@ -376,7 +381,12 @@ fn cells(what: What, row: &Row<'_>) -> Vec<String> {
             [("acknowledged", "acknowledged"), ("cleared", "condition ended")]
                 .iter()
                 .filter(|(column, _)| row.text(column).is_some())
-                .map(|(column, words)| format!("{words} {}; ", row.time(column)))
+                .map(
+                    |(column, words)| match (*column, row.text("acknowledged_words")) {
+                        ("acknowledged", Some(said)) => format!("{words} {} ({said}); ", row.time(column)),
+                        _ => format!("{words} {}; ", row.time(column)),
+                    },
+                )
                 .chain([row.shown("message")])
                 .collect(),
         ],

@@ -283,7 +283,8 @@ impl<'p> Results<'p> {
             let unit = rod.channels.displacement.unit.si();
             messages.extend(Message::of_picture(outcome.rod(), &picture, Some(unit)));
         }
-        messages.extend(verdict.events.iter().map(Message::of_event));
+        // A replay acknowledges nothing.
+        messages.extend(verdict.events.iter().map(|event| Message::of_event(event, None)));
         for message in &messages {
             self.writer.write(message)?;
         }

@@ -5,6 +5,7 @@ use super::render::signed_percent;
 use super::which_store::{Format, WhichStore, check_rod};
 use crate::analysis::findings::Doubt;
 use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::service::api::listing::AlarmAnswer;
 use crate::service::api::{Monitoring, RodStatus, Terms};
 use crate::site::clock;
 use crate::site::store::{self, Reader};
@@ -209,11 +210,16 @@ fn table(rows: &[RodStatus], now: Timestamp) -> String {
                     .to_owned(),
             );
         }
-        for alarm in &row.alarms {
-            let known = if alarm.acknowledged.is_some() {
-                ", acknowledged"
-            } else {
-                ""
+        for AlarmAnswer {
+            alarm,
+            acknowledged_words,
+            ..
+        } in &row.alarms
+        {
+            let known = match (alarm.acknowledged, acknowledged_words) {
+                (None, _) => String::new(),
+                (Some(_), None) => ", acknowledged".to_owned(),
+                (Some(_), Some(words)) => format!(", acknowledged ({words})"),
             };
             let over = if alarm.cleared.is_some() {
                 ", its condition ended"
@@ -272,6 +278,7 @@ fn spreadsheet(rows: &[RodStatus], monitoring: Option<&Monitoring>, now: Timesta
         "records_ahead",
         "is_stale",
         "monitoring_stopped_since",
+        "acknowledged_words",
     ]);
     let number = |number: Option<f64>| number.map_or_else(String::new, |number| format!("{number:?}"));
     let time = |time: Option<Timestamp>| time.map_or_else(String::new, |time| time.to_string());
@@ -281,7 +288,15 @@ fn spreadsheet(rows: &[RodStatus], monitoring: Option<&Monitoring>, now: Timesta
         let alarms: Vec<String> = row
             .alarms
             .iter()
-            .map(|a| format!("{} {}", a.kind, a.id))
+            .map(|answer| format!("{} {}", answer.alarm.kind, answer.alarm.id))
+            .collect();
+        let said: Vec<String> = row
+            .alarms
+            .iter()
+            .filter_map(|answer| {
+                let words = answer.acknowledged_words.as_ref()?;
+                Some(format!("{} {words}", answer.alarm.id))
+            })
             .collect();
         let cells = [
             row.rod.0.clone(),
@@ -310,6 +325,7 @@ fn spreadsheet(rows: &[RodStatus], monitoring: Option<&Monitoring>, now: Timesta
             row.records_ahead.to_string(),
             row.is_stale(now).to_string(),
             time(monitoring.and_then(|monitoring| monitoring.stopped_since)),
+            said.join("; "),
         ];
         out += &csv(cells.iter().map(String::as_str));
     }

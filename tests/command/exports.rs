@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 use tirante::command::history::{self, What};
 use tirante::command::which_store::Format;
-use tirante::site::store::{Durability, Filter, Reader, Store};
+use tirante::site::store::{Asked, Durability, Filter, Reader, Store};
 
 const WHAT: [(What, &str); 4] = [
     (What::Records, "records"),
@@ -17,8 +17,22 @@ const WHAT: [(What, &str); 4] = [
     (What::Alarms, "alarms"),
 ];
 
+/// Words of the person who acknowledged the alarm.
+const SAID: &str = "M. Rossi: wedge, \"sound\"";
+
 fn filled(path: &Path) -> Reader {
-    fill(&mut Store::open(path, Durability::Replay).unwrap(), 0..50);
+    let mut store = Store::open(path, Durability::Replay).unwrap();
+    fill(&mut store, 0..50);
+    let alarm = store.alarms(&Filter::default()).unwrap().remove(0);
+    let said = Some(SAID.to_owned());
+    let asked = Asked::Acknowledge {
+        alarm: alarm.id,
+        said,
+    };
+    store.request(&alarm.rod, &asked, hour(60)).unwrap();
+    let mut states = store.states().unwrap();
+    assert_eq!(store.acknowledge_waiting(&mut states).unwrap(), (1, 0));
+    drop(store);
     Reader::open(path).unwrap()
 }
 
@@ -279,6 +293,11 @@ mod parquet_file {
             }
             assert_eq!(count, rows.len(), "{name}");
             assert!(count > 0, "{name}");
+            let last = rows[0].last().unwrap();
+            assert_eq!(
+                last.0 == "acknowledged_words" && last.1 == SAID,
+                what == What::Alarms
+            );
         }
     }
 }
@@ -350,6 +369,15 @@ fn mcap_has_every_force_every_mode_and_every_alarm() {
         .filter(|(topic, ..)| topic == "/tirante/alarms")
         .map(|(.., body)| &body["file"])
         .collect();
+    let told = found
+        .iter()
+        .find(|(topic, ..)| topic == "/tirante/alarms")
+        .unwrap();
+    let text = told.2["message"].as_str().unwrap();
+    assert!(
+        text.ends_with(&format!(" (acknowledged {}, {SAID})", hour(60))),
+        "{text}"
+    );
     let wanted = said(What::Alarms);
     assert!(!wanted.is_empty());
     assert_eq!(

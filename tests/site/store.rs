@@ -327,6 +327,9 @@ fn requests_wait_for_the_writer_and_keep_their_order() {
     let kept = store.alarms(&Filter::default()).unwrap();
     assert_eq!(kept[0].acknowledged, Some(asked));
     assert_eq!(store.events(&north).unwrap().len(), 2);
+    let news = store.news_after(0, 10).unwrap();
+    let words: Vec<Option<&str>> = news.iter().map(|news| news.words.as_deref()).collect();
+    assert_eq!(words, [None, Some("M. Rossi: looked at")]);
     let standing = store.standings().unwrap().remove(0);
     assert_eq!((standing.rod, standing.alarms), (north.clone(), kept));
     let waiting: Vec<i64> = store.waiting(&north).unwrap().iter().map(|r| r.number).collect();

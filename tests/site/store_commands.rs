@@ -190,6 +190,56 @@ fn acknowledging_works_beside_a_writer_and_without_one() {
 }
 
 #[test]
+fn who_acknowledged_and_why_is_told_with_the_alarm() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("site.db");
+    let reader = filled(&path);
+    let lists = |format| listed(&reader, What::Alarms, format);
+    let last = |text: &str| {
+        parse_csv(text)
+            .iter()
+            .map(|row| row.last().cloned())
+            .collect::<Vec<_>>()
+    };
+    let column = Some("acknowledged_words".to_owned());
+    assert_eq!(last(&lists(Format::Csv)), [column.clone(), Some(String::new())]);
+
+    let (store, said) = (path.to_str().unwrap(), "M. Rossi: wedge, \"sound\" <b>");
+    let words = ["--by", "M. Rossi", "--note", "wedge, \"sound\" <b>"];
+    run(&[&["ack", "--store", store, "--all"], &words[..]].concat()).unwrap();
+    assert_eq!(last(&lists(Format::Csv)), [column, Some(said.to_owned())]);
+    let alarm: Value = serde_json::from_str(&lists(Format::Json)).unwrap();
+    assert_eq!(alarm["acknowledged_words"], said);
+    let flat = |text: String| text.split_whitespace().collect::<Vec<_>>().join(" ");
+    let table = flat(lists(Format::Table));
+    assert!(table.contains(&format!("({said}); ")), "{table}");
+
+    let status = |format| status::text(&reader, None, format, None).unwrap();
+    let table = flat(status(Format::Table));
+    assert!(table.contains(&format!("acknowledged ({said})")), "{table}");
+    let row: Value = serde_json::from_str(status(Format::Json).lines().next().unwrap()).unwrap();
+    assert_eq!(row["alarms"][0]["acknowledged_words"], said, "{row}");
+    let id = row["alarms"][0]["id"].as_str().unwrap();
+    assert_eq!(
+        last(&status(Format::Csv))[..2],
+        [
+            Some("acknowledged_words".to_owned()),
+            Some(format!("{id} {said}"))
+        ]
+    );
+
+    let report = tirante::command::report::load(&reader, None).unwrap();
+    let page = tirante::command::report_page::page(&report);
+    let escaped = "M. Rossi: wedge, &quot;sound&quot; &lt;b&gt;";
+    assert_eq!(
+        page.matches(escaped).count(),
+        2,
+        "beside the alarm, and in the table"
+    );
+    assert!(page.contains("Acknowledged by"));
+}
+
+#[test]
 fn a_new_baseline_waits_for_the_next_record() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("site.db");

@@ -39,9 +39,10 @@ pub(super) fn section(html: &mut Markup, rod: &RodReport, id: &str, provenance: 
             );
             // A unit stays with its number.
             note.text(alarm.message.replace(" %", "\u{a0}%"));
-            let seen = match alarm.acknowledged {
-                Some(time) => format!("acknowledged {}", moment(time)),
-                None => "not acknowledged".to_owned(),
+            let seen = match (alarm.acknowledged, rod.words.get(&alarm.id)) {
+                (Some(time), Some(words)) => format!("acknowledged {} ({words})", moment(time)),
+                (Some(time), None) => format!("acknowledged {}", moment(time)),
+                (None, _) => "not acknowledged".to_owned(),
             };
             let told = format!("Alarm {}, as of {}, {seen}.", alarm.id, day(alarm.told));
             note.leaf("div", &[("class", "about")], told);
@@ -242,13 +243,8 @@ fn tables(html: &mut Markup, rod: &RodReport, id: &str) {
     if rod.alarms.is_empty() {
         html.leaf("p", &[], "None so far.");
     } else {
-        let mut listed = rod
-            .alarms
-            .iter()
-            .rev()
-            .take(ALARMS_LISTED)
-            .map(alarm_row)
-            .collect::<Vec<_>>();
+        let latest = rod.alarms.iter().rev().take(ALARMS_LISTED);
+        let mut listed: Vec<_> = latest.clone().map(alarm_row).collect();
         let caption = if rod.alarms.len() > ALARMS_LISTED {
             format!("The latest {ALARMS_LISTED} of {}.", rod.alarms.len())
         } else {
@@ -269,6 +265,12 @@ fn tables(html: &mut Markup, rod: &RodReport, id: &str) {
         }
         let columns = header.len();
         listed.iter_mut().for_each(|row| row.truncate(columns));
+        if !rod.words.is_empty() {
+            header.push("Acknowledged by");
+            for (row, alarm) in listed.iter_mut().zip(latest) {
+                row.push(Cell::Text(rod.words.get(&alarm.id).cloned().unwrap_or_default()));
+            }
+        }
         table(html, &caption, &header, &listed);
     }
     if !rod.segments.is_empty() {

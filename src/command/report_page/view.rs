@@ -4,6 +4,7 @@ use crate::analysis::findings::Doubt;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::Timestamp;
 use crate::analysis::track::{Alarm, Interval, Period, RodState};
+use std::collections::BTreeMap;
 
 /// A site and its rods.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -45,6 +46,8 @@ pub struct RodReport {
     pub thermal: Option<ThermalLine>,
     /// Every alarm, in the order raised.
     pub alarms: Vec<Alarm>,
+    /// Words of the people who acknowledged them, by the alarm's id.
+    pub words: BTreeMap<String, String>,
     /// The first record of the present baseline.
     pub baseline: Option<Snapshot>,
     /// The latest identified record.
@@ -72,6 +75,7 @@ impl RodReport {
             periods: Vec::new(),
             thermal: None,
             alarms: Vec::new(),
+            words: BTreeMap::new(),
             baseline: None,
             latest: None,
             refused: None,

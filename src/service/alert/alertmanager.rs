@@ -65,6 +65,9 @@ fn alert(message: &Message, now: Timestamp) -> Json {
     if let Some(time) = message.acknowledged {
         annotations["acknowledged"] = Json::from(time.to_string());
     }
+    if let Some(words) = &message.acknowledged_words {
+        annotations["acknowledged_words"] = Json::from(words.as_str());
+    }
     json!({
         "labels": {
             "alertname": match message.what {

@@ -394,15 +394,21 @@ impl Courier {
     }
 
     fn messages_of_standing(&self, reader: &Reader) -> Result<Vec<Message>, Trouble> {
-        let (alarms, site) = (reader.alarms(&Filter::default())?, &self.errand.site);
-        let alarms = alarms
-            .iter()
-            .filter(|alarm| !alarm.is_over() && self.errand.settings.wants(alarm.kind, &alarm.rod))
-            .map(|alarm| Message::standing(site, alarm));
+        let site = &self.errand.site;
+        let mut alarms = reader.alarms(&Filter::default())?;
+        alarms.retain(|alarm| !alarm.is_over() && self.errand.settings.wants(alarm.kind, &alarm.rod));
+        let mut messages = Vec::new();
+        for alarm in &alarms {
+            let words = match alarm.acknowledged {
+                Some(_) => reader.acknowledged_words(&alarm.id)?,
+                None => None,
+            };
+            messages.push(Message::standing(site, alarm, words));
+        }
         let mut conditions = reader.standing_notices()?;
         conditions.retain(|begun| self.errand.settings.wants_site_of(&begun.condition));
-        let conditions = conditions.iter().map(|begun| Message::lasting(site, begun));
-        Ok(alarms.chain(conditions).collect())
+        messages.extend(conditions.iter().map(|begun| Message::lasting(site, begun)));
+        Ok(messages)
     }
 
     /// Sends the active alarms again to a sink that forgets.

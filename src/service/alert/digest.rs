@@ -50,9 +50,11 @@ pub(super) fn text(messages: &[Message]) -> String {
                 Some(about) => format!("of the monitoring ({about})"),
                 None => format!("rod {}", message.rod),
             };
+            let words = message.acknowledged_words.as_ref();
+            let said = words.map_or_else(String::new, |words| format!("\n    acknowledged by {words}"));
             let _ = writeln!(
                 text,
-                "{} {}, {whose}, {}\n    {}\n    alarm {}\n",
+                "{} {}, {whose}, {}\n    {}{said}\n    alarm {}\n",
                 message.kind,
                 message.what.code(),
                 message.time,
@@ -100,6 +102,9 @@ mod tests {
             subject(&messages),
             "Duomo: 40 messages: 1 drift test, 39 no-data test"
         );
+        let mut known = messages.clone();
+        known[3].acknowledged_words = Some("M. Rossi: wedge sound".to_owned());
+        assert!(text(&known).contains("\n    acknowledged by M. Rossi: wedge sound\n    alarm a3\n"));
         let said = text(&messages);
         for rod in 0..40 {
             assert!(said.contains(&format!("rod nave-{rod},")), "{said}");

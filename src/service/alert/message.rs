@@ -95,21 +95,24 @@ pub struct Message {
     /// Sink, file or folder concerned by a condition of the daemon.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub about: Option<String>,
+    /// Words of the person who acknowledged the alarm: `NAME: TEXT`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub acknowledged_words: Option<String>,
 }
 
 impl Message {
     /// Message of an event of the outbox.
     pub fn of_news(site: &str, news: &News) -> Self {
         let AlarmEvent { what, time, alarm } = &news.event;
-        Self::of_alarm(site, What::of(*what), *time, alarm)
+        Self::of_alarm(site, What::of(*what), *time, alarm, news.words.clone())
     }
 
-    /// Message of an active alarm.
-    pub fn standing(site: &str, alarm: &Alarm) -> Self {
-        Self::of_alarm(site, What::Standing, alarm.told, alarm)
+    /// Message of an active alarm, with the words of its acknowledgement, if there are any.
+    pub fn standing(site: &str, alarm: &Alarm, words: Option<String>) -> Self {
+        Self::of_alarm(site, What::Standing, alarm.told, alarm, words)
     }
 
-    fn of_alarm(site: &str, what: What, time: Timestamp, alarm: &Alarm) -> Self {
+    fn of_alarm(site: &str, what: What, time: Timestamp, alarm: &Alarm, words: Option<String>) -> Self {
         Self {
             version: VERSION,
             // An alarm is raised, acknowledged and cleared once, and repeated at different times.
@@ -127,6 +130,7 @@ impl Message {
             cleared: alarm.cleared,
             change: alarm.change.clone(),
             about: None,
+            acknowledged_words: words,
         }
         .at_its_site()
     }
@@ -191,6 +195,7 @@ impl Message {
             cleared: (!notice.is_raised).then_some(time),
             change: None,
             about: Some(notice.about.clone()),
+            acknowledged_words: None,
         }
         .at_its_site()
     }
@@ -242,6 +247,7 @@ impl Message {
             cleared: None,
             change: None,
             about: None,
+            acknowledged_words: None,
         }
     }
 
@@ -302,6 +308,9 @@ impl Message {
             for (name, time) in times {
                 if let Some(time) = time {
                     line(name, &time.to_string());
+                }
+                if let ("Acknowledged", Some(words)) = (name, &self.acknowledged_words) {
+                    line("By", words);
                 }
             }
             line("Stands", if self.stands { "yes" } else { "no" });
@@ -389,6 +398,7 @@ mod tests {
             number: 5,
             rod: alarm.rod.clone(),
             event: AlarmEvent { what, time, alarm },
+            words: None,
         }
     }
 
@@ -446,9 +456,9 @@ mod tests {
         ]
         .map(|(what, s)| Message::of_news("Duomo", &news(what, RAISED.plus_seconds(s), drift())).id)
         .to_vec();
-        ids.push(Message::standing("Duomo", &drift()).id);
+        ids.push(Message::standing("Duomo", &drift(), None).id);
         assert_eq!(ids.iter().collect::<std::collections::BTreeSet<_>>().len(), 6);
-        assert_eq!(ids[5], Message::standing("Duomo", &drift()).id);
+        assert_eq!(ids[5], Message::standing("Duomo", &drift(), None).id);
     }
 
     #[test]
@@ -473,9 +483,24 @@ mod tests {
     }
 
     #[test]
+    fn an_acknowledgement_says_who_and_why() {
+        let mut alarm = drift();
+        alarm.acknowledged = Some(RAISED.plus_seconds(60.0));
+        let mut event = news(alarm::What::Acknowledged, RAISED.plus_seconds(60.0), alarm);
+        let silent = Message::of_news("Duomo", &event);
+        assert!(!silent.json().contains("acknowledged_words"), "{}", silent.json());
+        event.words = Some("M. \"Mario\" Rossi: wedge sound".to_owned());
+        let message = Message::of_news("Duomo", &event);
+        let end = r#","acknowledged_words":"M. \"Mario\" Rossi: wedge sound"}"#;
+        assert!(message.json().ends_with(end), "{}", message.json());
+        let lines = "Acknowledged: 2026-05-28T20:27:40.5Z\nBy:           M. \"Mario\" Rossi: wedge sound\n";
+        assert!(message.text().contains(lines), "{}", message.text());
+    }
+
+    #[test]
     fn people_read_what_to_do() {
         let mut alarm = drift();
-        let message = Message::standing("Duomo", &alarm);
+        let message = Message::standing("Duomo", &alarm, None);
         assert_eq!(message.subject(), "Duomo, rod nave-3: drift stands");
         let text = message.text();
         assert!(text.contains("-4.0 % (95 %: -5.0 % to -3.0 %)"), "{text}");
@@ -485,7 +510,7 @@ mod tests {
         );
         alarm.acknowledged = Some(RAISED);
         alarm.cleared = Some(RAISED);
-        let text = Message::standing("Duomo", &alarm).text();
+        let text = Message::standing("Duomo", &alarm, None).text();
         assert!(
             text.contains("Stands:       no") && !text.contains("tirante ack"),
             "{text}"

@@ -99,7 +99,7 @@ pub fn mark(next: &str) -> Option<Mark> {
 }
 
 /// An alarm, as `history --what alarms --format json` prints it.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 pub struct AlarmAnswer {
     /// The alarm, in its present state.
     #[serde(flatten)]
@@ -116,14 +116,20 @@ impl AlarmAnswer {
     /// # Errors
     /// The store cannot be read.
     pub fn of(reader: &Reader, alarm: Alarm) -> Result<Self, StoreError> {
-        Ok(Self {
+        let words = match alarm.acknowledged {
+            Some(_) => reader.acknowledged_words(&alarm.id)?,
+            None => None,
+        };
+        Ok(Self::with(alarm, words))
+    }
+
+    /// An alarm with the words of its acknowledgement.
+    pub fn with(alarm: Alarm, acknowledged_words: Option<String>) -> Self {
+        Self {
             stands: !alarm.is_over(),
-            acknowledged_words: match alarm.acknowledged {
-                Some(_) => reader.acknowledged_words(&alarm.id)?,
-                None => None,
-            },
+            acknowledged_words,
             alarm,
-        })
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Status of one rod, as JSON: for `status --format json` and the page.
 
+use super::listing::AlarmAnswer;
 use crate::analysis::findings::Doubt;
 use crate::analysis::identify::Sensors;
 use crate::analysis::signal::record::{RodId, Timestamp};
@@ -55,7 +56,7 @@ pub struct RodStatus {
     /// Number of rejected records.
     pub rejected: u64,
     /// Active alarms.
-    pub alarms: Vec<Alarm>,
+    pub alarms: Vec<AlarmAnswer>,
     /// Requests that wait.
     pub waiting: Vec<String>,
     /// Time since which a daemon has expected the rod's first record; `null` once one has come.
@@ -127,7 +128,7 @@ impl RodStatus {
     ///
     /// # Errors
     /// The latest record's line cannot be understood.
-    pub fn of(standing: Standing, counts: (u64, u64), terms: Option<Terms>) -> Result<Self, StoreError> {
+    pub fn of(mut standing: Standing, counts: (u64, u64), terms: Option<Terms>) -> Result<Self, StoreError> {
         let latest = standing.latest_row()?;
         let latest_used = latest.as_ref().and_then(|row| row.start);
         let sensors = latest.as_ref().and_then(|row| row.sensors.clone());
@@ -164,7 +165,14 @@ impl RodStatus {
             stale_after_s: stale_after_s(&standing, terms),
             records: counts.0,
             rejected: counts.1,
-            alarms: standing.alarms,
+            alarms: standing
+                .alarms
+                .into_iter()
+                .map(|alarm| {
+                    let words = standing.words.remove(&alarm.id);
+                    AlarmAnswer::with(alarm, words)
+                })
+                .collect(),
             waiting: standing
                 .waiting
                 .iter()

@@ -3,7 +3,7 @@
 use super::{Message, Topic};
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{RodId, Timestamp};
-use crate::service::api;
+use crate::service::api::{self, listing::AlarmAnswer};
 use crate::site::store::{FileId, Reader, StoreError};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -125,7 +125,7 @@ impl Feed {
             }
         }
         for news in reader.news_after(after_news, MOST)? {
-            messages.push(Message::of_event(&news.event));
+            messages.push(Message::of_event(&news.event, news.words.as_deref()));
         }
         messages.retain(|message| wanted.contains(&message.topic));
         (self.record, self.news, self.pictured) = (record, news, pictured);
@@ -144,8 +144,19 @@ impl Feed {
 pub fn standing(reader: &Reader, topic: &Topic) -> Result<Vec<Message>, StoreError> {
     let mut messages = match topic {
         Topic::Alarms => {
-            let alarms = reader.alarms_before(None, true, None, STANDING)?;
-            alarms.iter().rev().map(Message::of_alarm).collect()
+            let mut messages = Vec::new();
+            for alarm in reader
+                .alarms_before(None, true, None, STANDING)?
+                .into_iter()
+                .rev()
+            {
+                let answer = AlarmAnswer::of(reader, alarm)?;
+                messages.push(Message::of_alarm(
+                    &answer.alarm,
+                    answer.acknowledged_words.as_deref(),
+                ));
+            }
+            messages
         }
         Topic::Force(rod) | Topic::Modes(rod) => {
             let standing = reader.standing(rod)?;
@@ -208,7 +219,7 @@ mod tests {
             time: Timestamp::from_nanos(2_000),
             alarm,
         };
-        let message = Message::of_event(&event);
+        let message = Message::of_event(&event, None);
         assert_eq!((message.topic, message.time), (Topic::Alarms, event.time));
         assert_eq!(message.body["timestamp"]["nsec"], 1_000);
     }

@@ -162,16 +162,22 @@ impl Message {
         }
     }
 
-    /// Message of an alarm event, at its time.
-    pub fn of_event(event: &AlarmEvent) -> Self {
+    /// Message of an alarm event, at its time, with the words of the acknowledgement, if there are any.
+    pub fn of_event(event: &AlarmEvent, words: Option<&str>) -> Self {
         Self {
             time: event.time,
-            ..Self::of_alarm(&event.alarm)
+            ..Self::of_alarm(&event.alarm, words)
         }
     }
 
-    /// Message of an alarm in its present state.
-    pub fn of_alarm(alarm: &Alarm) -> Self {
+    /// Message of an alarm in its present state, with the words of its acknowledgement, if there are any. They stand in its text:
+    /// viewers know the fields of a `foxglove.Log`, and no others.
+    pub fn of_alarm(alarm: &Alarm, words: Option<&str>) -> Self {
+        let said = match (alarm.acknowledged, words) {
+            (Some(time), Some(words)) => format!(" (acknowledged {time}, {words})"),
+            (Some(time), None) => format!(" (acknowledged {time})"),
+            (None, _) => String::new(),
+        };
         let is_open = alarm.acknowledged.is_none() && !alarm.is_over();
         Self {
             topic: Topic::Alarms,
@@ -179,7 +185,7 @@ impl Message {
             body: json!({
                 "timestamp": stamp(alarm.raised),
                 "level": if is_open { WARNING } else { INFO },
-                "message": format!("{}: {}", alarm.kind, alarm.message),
+                "message": format!("{}: {}{said}", alarm.kind, alarm.message),
                 "name": alarm.rod,
                 "file": alarm.id,
                 "line": 0,

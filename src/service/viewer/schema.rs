@@ -325,7 +325,11 @@ pub static LOG: Type = Type {
     fields: &[
         field("timestamp", Time, "time at which the alarm was raised, UTC"),
         field("level", Integer, "3 while the alarm needs attention, else 2"),
-        field("message", Text, "kind of the alarm and what it says"),
+        field(
+            "message",
+            Text,
+            "kind of the alarm, what it says, and who acknowledged it",
+        ),
         field("name", Text, "id of the rod"),
         field("file", Text, "id of the alarm"),
         field("line", Integer, "always 0"),

@@ -43,6 +43,8 @@ impl Reader {
             Some("TEXT") if TIMES.contains(&name) => ColumnKind::Time,
             Some("TEXT") => ColumnKind::Text,
             Some("INTEGER") => ColumnKind::Integer,
+            // Of the request, not of the alarm.
+            None if name == "acknowledged_words" => ColumnKind::Text,
             // Columns missing in the tables are those of the modes: frequencies and dampings.
             _ => ColumnKind::Real,
         };

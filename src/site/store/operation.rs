@@ -54,6 +54,8 @@ pub struct News {
     pub rod: RodId,
     /// The alarm event.
     pub event: AlarmEvent,
+    /// Words of the person who acknowledged the alarm by then: `NAME: TEXT`.
+    pub words: Option<String>,
 }
 
 pub(super) fn write_file(connection: &Connection, file: &FileMark) -> rusqlite::Result<()> {
@@ -194,10 +196,16 @@ impl Reader {
         let rows = rows().map_err(|error| self.fault(Failure::Sql(error)))?;
         rows.into_iter()
             .map(|(number, rod, json)| {
+                let event: AlarmEvent = state::read(&rod, &json)?;
+                let words = match event.alarm.acknowledged {
+                    Some(_) => self.acknowledged_words(&event.alarm.id)?,
+                    None => None,
+                };
                 Ok(News {
                     number,
-                    event: state::read(&rod, &json)?,
                     rod: RodId(rod),
+                    event,
+                    words,
                 })
             })
             .collect()

@@ -607,8 +607,10 @@ impl Listing {
             Self::Alarms => {
                 let (wanted, values) = filter.sql("raised_ns");
                 let sql = format!(
-                    "SELECT id, rod, kind, raised, acknowledged, cleared, stands, message
-                     FROM alarm WHERE {wanted} ORDER BY raised_ns, rod, id"
+                    "SELECT id, rod, kind, raised, acknowledged, cleared, stands, message,
+                        CASE WHEN acknowledged IS NOT NULL THEN {} END AS acknowledged_words
+                     FROM alarm WHERE {wanted} ORDER BY raised_ns, rod, id",
+                    request::SAID
                 );
                 (sql, values)
             }

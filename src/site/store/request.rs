@@ -120,6 +120,10 @@ pub(super) fn waiting(connection: &Connection, rod: &RodId) -> Result<Vec<Reques
     )
 }
 
+/// Words with which the alarm of a row was acknowledged, as a part of a query of table `alarm`: those of [`said_of`].
+pub(super) const SAID: &str = "(SELECT request.reason FROM request WHERE request.applied = 1
+    AND request.what = 'acknowledge' AND request.alarm = alarm.id ORDER BY request.number LIMIT 1)";
+
 /// The words with which an alarm was acknowledged, if any.
 pub(super) fn said_of(connection: &Connection, alarm: &str) -> Result<Option<String>, Failure> {
     let found = select(

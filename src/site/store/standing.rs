@@ -8,6 +8,7 @@ use crate::analysis::track::{Alarm, JUMP_S, RodState};
 use crate::site::clock;
 use crate::site::record_row::RecordRow;
 use rusqlite::{OptionalExtension, Params};
+use std::collections::BTreeMap;
 
 /// Gap after which records that lie ahead of the machine's clock were dated by a wrong one \[ns\]: the silence after which
 /// tracking doubts a time, too.
@@ -37,6 +38,8 @@ pub struct Standing {
     pub usual_s: Option<f64>,
     /// Active alarms, in the order they were raised.
     pub alarms: Vec<Alarm>,
+    /// Words of the people who acknowledged them, by the alarm's id.
+    pub words: BTreeMap<String, String>,
     /// Requests that wait for the rod's next record.
     pub waiting: Vec<Request>,
     /// Time since which a daemon has expected the rod's first record; `None` once it has come.
@@ -80,6 +83,16 @@ impl Reader {
         let mut standings = standings.map_err(|failure| self.fault(failure))?;
         for standing in &mut standings {
             standing.waiting = self.waiting(&standing.rod)?;
+            for alarm in standing
+                .alarms
+                .iter()
+                .filter(|alarm| alarm.acknowledged.is_some())
+            {
+                let words = self.acknowledged_words(&alarm.id)?;
+                standing
+                    .words
+                    .extend(words.map(|words| (alarm.id.clone(), words)));
+            }
         }
         Ok(standings)
     }
@@ -116,6 +129,7 @@ impl Reader {
                     .map_or(0, i64::unsigned_abs),
                 usual_s: self.usual_s(&rod, segment, end)?,
                 alarms: self.standing_alarms(&rod)?,
+                words: BTreeMap::new(),
                 waiting: Vec::new(),
                 awaited: awaited.as_deref().map(state::time).transpose()?,
                 rod: RodId(rod),

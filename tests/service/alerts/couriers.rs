@@ -197,8 +197,8 @@ fn a_new_sink_is_told_what_stands_and_then_what_comes() {
     let mut limit = latched;
     limit.cleared = Some(limit.raised.plus_seconds(120.0));
     let expected = [
-        Message::standing(SITE, &stands).id,
-        Message::standing(SITE, &limit).id,
+        Message::standing(SITE, &stands, None).id,
+        Message::standing(SITE, &limit, None).id,
         id("raised", &came),
         id("cleared", &went),
         id("raised", &stays),
@@ -478,7 +478,7 @@ fn the_position_of_the_copy_to_a_centre_is_no_sinks_mark() {
     couriers.wake();
     eventually("the next is marked", || desk.delivered("forward") == Some(2));
     couriers.stop();
-    let expected = [Message::standing(SITE, &stands).id, id("raised", &next)];
+    let expected = [Message::standing(SITE, &stands, None).id, id("raised", &next)];
     assert_eq!(field(&fake.bodies(), "id"), expected);
     assert!(tirante::service::forward::SINK.contains('/'), "an id of a sink");
 }

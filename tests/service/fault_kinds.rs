@@ -308,6 +308,43 @@ fn store_damaged() {
     );
 }
 
+/// A store that was lost comes back by itself, and so does one under a mistyped name; the receivers are told once, over a restart.
+#[test]
+fn a_new_store_beside_an_old_journal() {
+    let (site, fake) = (daemon_site(), Fake::new(&[]));
+    with_sink(&site, &fake);
+    let mut daemon = Daemon::ready(&site);
+    let line = "{\"topic\":\"/north\",\"time\":1767268800000000000,\"values\":[1e-5]}\n{\"end\":true}\n";
+    assert!(told(&site, line).contains("done"));
+    assert!(daemon.count("store-new") < 1.0);
+    daemon.signal("-TERM");
+    assert_eq!(daemon.child.wait().unwrap().code(), Some(0));
+    let config = fs::read_to_string(site.path("site.toml")).unwrap();
+    fs::write(site.path("site.toml"), config.replace("site.db", "stie.db")).unwrap();
+    let mut daemon = Daemon::ready(&site);
+    daemon.expect("store-new", 1.0, "degraded");
+    daemon.wait("begin and end are told", |_| {
+        told_of(&fake, "store-new").len() == 2
+    });
+    let events: Vec<String> = told_of(&fake, "store-new")
+        .into_iter()
+        .map(|(what, _)| what)
+        .collect();
+    assert_eq!(events, ["standing", "cleared"]);
+    let messages = came(&fake, "/sink");
+    let message = messages.iter().find(|one| one["kind"] == "store-new").unwrap();
+    let said = message["message"].as_str().unwrap();
+    assert!(
+        said.contains("stie.db is new") && said.contains("acknowledgements"),
+        "{said}"
+    );
+    daemon.signal("-TERM");
+    assert_eq!(daemon.child.wait().unwrap().code(), Some(0));
+    let daemon = Daemon::ready(&site);
+    assert!(daemon.count("store-new") < 1.0);
+    assert_eq!(told_of(&fake, "store-new").len(), 2);
+}
+
 #[test]
 fn sink() {
     let site = daemon_site();

@@ -219,7 +219,7 @@ fn refuse_within(journal: &Path, config: &Config) -> anyhow::Result<()> {
 }
 
 /// Folder of the journal: the configured one, or `journal` next to the store.
-fn folder_of(config: &Config, store: &Path) -> PathBuf {
+pub(super) fn folder_of(config: &Config, store: &Path) -> PathBuf {
     config
         .journal
         .folder

@@ -9,6 +9,7 @@ mod guard;
 mod left_out;
 mod live;
 mod misnamed;
+mod new_store;
 pub mod notify;
 mod opening;
 mod pipe;

@@ -1,5 +1,6 @@
 //! Opening the store for a daemon: replaces a damaged one, waits for a full disk.
 
+use super::new_store;
 use crate::service::telemetry::{Fault, Health};
 use crate::site::baselines::{self, BaselineError};
 use crate::site::clock;
@@ -20,7 +21,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// # Errors
 /// As [`Store::open`] and [`Site::open`].
 pub fn open_site(path: &Path, generation: &Generation, health: &Health) -> Result<Site, StoreError> {
-    site_on(open_store(path, health)?, generation)
+    site_on(open_store(path, health)?, generation, health)
 }
 
 fn open_store(path: &Path, health: &Health) -> Result<Store, StoreError> {
@@ -39,7 +40,8 @@ fn open_store(path: &Path, health: &Health) -> Result<Store, StoreError> {
     Ok(store)
 }
 
-fn site_on(store: Store, generation: &Generation) -> Result<Site, StoreError> {
+fn site_on(mut store: Store, generation: &Generation, health: &Health) -> Result<Site, StoreError> {
+    new_store::look(&mut store, &generation.config, health)?;
     let name = &generation.config.site;
     let others = trackers::others_in(&store, name)?;
     if !others.is_empty() {
@@ -77,7 +79,7 @@ pub fn open_patiently(
     let open = || -> Result<Site, BaselineError> {
         let store = open_store(&path, health)?;
         baselines::guard(&store, &generation.config, given_up)?;
-        Ok(site_on(store, generation)?)
+        Ok(site_on(store, generation, health)?)
     };
     loop {
         match open() {
@@ -96,7 +98,7 @@ pub fn open_patiently(
     }
 }
 
-/// Logs the rods that begin a new segment, and those that are no longer followed.
+/// Logs the rods that begin a new segment or go on with an earlier one, and those that are no longer followed.
 pub(super) fn warn_of_renewed(site: &Site) {
     for rod in site.unfollowed() {
         tracing::warn!(

@@ -21,6 +21,8 @@ pub enum Fault {
     DiskFull,
     /// The store was damaged when opened, and replaced by a new one.
     StoreDamaged,
+    /// The store is new, but its journal filled another.
+    StoreNew,
     /// The store or the journal cannot be written.
     Write,
     /// A sink cannot be reached, or refuses.
@@ -58,7 +60,7 @@ pub enum Fault {
 
 impl Fault {
     /// Every kind of fault.
-    pub const ALL: [Self; 25] = [
+    pub const ALL: [Self; 26] = [
         Self::Rejected,
         Self::Recording,
         Self::Client,
@@ -68,6 +70,7 @@ impl Fault {
         Self::Broken,
         Self::DiskFull,
         Self::StoreDamaged,
+        Self::StoreNew,
         Self::Write,
         Self::Sink,
         Self::Forward,
@@ -98,6 +101,7 @@ impl Fault {
             Self::Broken => "broken",
             Self::DiskFull => "disk-full",
             Self::StoreDamaged => "store-damaged",
+            Self::StoreNew => "store-new",
             Self::Write => "write",
             Self::Sink => "sink",
             Self::Forward => "forward",
@@ -129,6 +133,9 @@ impl Fault {
             Self::Broken => "the analysis of a record broke: a fault of the program",
             Self::DiskFull => "the disk has no room for results or the journal",
             Self::StoreDamaged => "the store was damaged when it was opened, and was begun anew",
+            Self::StoreNew => {
+                "the store is new, but its journal filled another: that one was lost, or the path is mistyped"
+            }
             Self::Write => "the store or the journal cannot be written",
             Self::Sink => "a sink cannot be reached, or refuses: alarms wait",
             Self::Forward => {

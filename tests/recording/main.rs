@@ -7,6 +7,7 @@ mod common;
 mod site;
 
 mod import;
+mod many_channels;
 mod mcap;
 mod mutation;
 mod out_of_order;

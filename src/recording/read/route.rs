@@ -274,19 +274,20 @@ impl Router {
         let mut has_events = false;
         let routes = listed.routes.as_deref().unwrap_or_default();
         if !routes.is_empty() && !speakers.may_speak(message.channel, listed.stream, message.log_time) {
-            let channels = speakers.names();
             for route in routes.iter().filter(|route| !route.temperature) {
                 if let Some(rod) = rods.get_mut(route.rod)
                     && speakers.is_news()
                 {
                     rod.assembler.refuse(Rejection::SharedTopic {
                         topic: name.clone(),
-                        channels: channels.clone(),
+                        channels: speakers.names().to_owned(),
                     });
                     has_events = true;
                 }
             }
-            fault = Some(DecodeError::SharedTopic { channels });
+            fault = Some(DecodeError::SharedTopic {
+                channels: speakers.names().to_owned(),
+            });
         } else {
             for route in routes {
                 *at = Some(message.log_time);

@@ -3,14 +3,21 @@
 //! A writer that starts again may give a topic another channel: the old one is silent from then on. Two sensors on
 //! one topic are active in turn, or at the same times.
 
+use std::collections::BTreeMap;
+
+/// Most channels named in a sentence.
+const NAMED: usize = 8;
+
 /// Active channels of one topic.
 #[derive(Debug, Default)]
 pub(super) struct Speakers {
     now: Option<Speaker>,
-    /// Channels that were active before.
-    before: Vec<Speaker>,
+    /// Channels that were active before, with their streams.
+    before: BTreeMap<u16, Option<usize>>,
     /// True if several are active at once, and that was reported.
     shared: Shared,
+    /// Names of those, found once: every message of theirs is refused by them.
+    names: String,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -48,7 +55,7 @@ impl Speakers {
             self.shared = Shared::Told;
             return false;
         }
-        let speaks_again = self.before.iter().any(|known| known.channel == channel);
+        let speaks_again = self.before.contains_key(&channel);
         // A sender that connects anew may begin again where it began.
         let is_back = |now: &Speaker| now.stream == stream && log_time < now.latest;
         if speaks_again || self.now.as_ref().is_some_and(is_back) {
@@ -59,9 +66,15 @@ impl Speakers {
             stream,
             latest: log_time,
         };
-        self.before.retain(|known| known.channel != channel);
-        self.before.extend(self.now.replace(speaker));
-        self.shared == Shared::No
+        self.before.remove(&channel);
+        let silent = self.now.replace(speaker);
+        self.before
+            .extend(silent.map(|silent| (silent.channel, silent.stream)));
+        if self.shared == Shared::No {
+            return true;
+        }
+        self.names = self.named();
+        false
     }
 
     /// True if several active channels were found just now.
@@ -69,19 +82,27 @@ impl Speakers {
         self.shared == Shared::News
     }
 
-    /// Names of the channels, for people.
-    pub fn names(&self) -> String {
-        let speakers = self.before.iter().chain(&self.now);
-        let mut channels: Vec<u16> = speakers.map(|speaker| speaker.channel).collect();
+    /// Names of the channels that are active at once, for people.
+    pub fn names(&self) -> &str {
+        &self.names
+    }
+
+    fn named(&self) -> String {
+        let mut channels: Vec<u16> = self.before.keys().copied().collect();
+        channels.extend(self.now.map(|speaker| speaker.channel));
         channels.sort_unstable();
-        let channels: Vec<String> = channels.iter().map(u16::to_string).collect();
-        channels.join(", ")
+        let mut named: Vec<String> = channels.iter().take(NAMED).map(u16::to_string).collect();
+        match channels.len().saturating_sub(NAMED) {
+            0 => {}
+            more => named.push(format!("and {more} more")),
+        }
+        named.join(", ")
     }
 
     /// Ends a stream of a journal: the remaining channel may be used.
     pub fn end_of(&mut self, stream: usize) {
-        let spoke = self.before.iter().chain(&self.now);
-        if spoke.into_iter().any(|speaker| speaker.stream == Some(stream)) {
+        let now = self.now.as_ref().map(|now| &now.stream);
+        if self.before.values().chain(now).any(|of| *of == Some(stream)) {
             *self = Self::default();
         }
     }
@@ -131,5 +152,24 @@ mod tests {
         assert!(speakers.may_speak(2, Some(1), 8));
         // Sent again from the beginning over another connection.
         assert!(speakers.may_speak(3, Some(2), 1));
+    }
+
+    #[test]
+    fn of_many_channels_a_few_are_named_and_none_is_looked_for_among_the_others() {
+        let begun = std::time::Instant::now();
+        let mut speakers = Speakers::default();
+        let all = 1..=u16::MAX;
+        assert!(all.clone().all(|channel| speakers.may_speak(channel, None, 5)));
+        assert!(!speakers.may_speak(1, None, 6) && speakers.is_news());
+        assert_eq!(speakers.names(), "1, 2, 3, 4, 5, 6, 7, 8, and 65527 more");
+        for _ in 0..20 {
+            let refused = all.clone().filter(|channel| {
+                let may = speakers.may_speak(*channel, None, 7);
+                !may && !speakers.names().is_empty()
+            });
+            assert_eq!(refused.count(), usize::from(u16::MAX));
+        }
+        // A fraction of a second; looking through all of them for each takes minutes.
+        assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
     }
 }

@@ -6,6 +6,7 @@ mod common;
 #[path = "../harness/site/mod.rs"]
 mod site;
 
+mod damage;
 mod import;
 mod many_channels;
 mod mcap;

@@ -473,8 +473,12 @@ fn one_flipped_bit_costs_the_records_beside_its_chunk_and_names_the_hole() {
         bytes[at] ^= 1;
         let (events, summary) = read(bytes.clone(), &rods, &settings);
         bytes[at] ^= 1;
-        if summary.holes.is_empty() {
-            // A length: the start of the next record is unknown.
+        if summary
+            .holes
+            .iter()
+            .all(|hole| hole.contains("no message is lost"))
+        {
+            // An index, which is not needed.
             continue;
         }
         holes += 1;
@@ -669,17 +673,11 @@ fn contradictions_and_lies_are_refused_with_a_reason() {
             .unwrap()
             .contains("at most")
     );
-    assert!(
-        read(
-            b"GIF89a, not a recording at all".to_vec(),
-            &[],
-            &RecordSettings::default()
-        )
-        .1
-        .damage
-        .unwrap()
-        .contains("not an MCAP file")
-    );
+    // The second is shorter than the first bytes of a recording.
+    for none in [&b"GIF89a, not a recording at all"[..], b"hello\n"] {
+        let (_, summary) = read(none.to_vec(), &[], &RecordSettings::default());
+        assert!(summary.damage.unwrap().contains("not an MCAP file"));
+    }
     assert!(read(Vec::new(), &[], &RecordSettings::default()).1.truncated);
 }
 

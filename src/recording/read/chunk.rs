@@ -6,6 +6,9 @@ use std::io::Read;
 /// Largest uncompressed chunk accepted \[bytes\]; recorders write about one MiB.
 pub const MAX_CHUNK: u64 = 32 << 20;
 
+/// Compressions of chunks that are read.
+pub const READABLE: [&str; 3] = ["", "zstd", "lz4"];
+
 /// Largest buffer kept after its chunk \[bytes\], so that many files at once take little memory.
 const KEPT: usize = 4 << 20;
 
@@ -19,13 +22,20 @@ pub struct ChunkReader {
 /// Reason why a chunk is refused.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum BadChunk {
-    /// Malformed or beyond the limits: the place of the next record is doubtful too.
+    /// Malformed: the place of the next record is doubtful too.
     Broken(String),
     /// Correct length, but its content is damaged.
     Spoilt {
         /// Description of the fault.
         what: String,
         /// Log times of its first and last message, by its header \[ns since 1970\].
+        from: u64,
+        to: u64,
+    },
+    /// Correct length, but of a compression or size that is not read: damaged, if others of its file are.
+    Foreign {
+        /// As for a spoilt one.
+        what: String,
         from: u64,
         to: u64,
     },
@@ -53,13 +63,13 @@ impl ChunkReader {
         }
         if size > most {
             let what = format!("a chunk of {size} bytes, at most {most} are read");
-            return Err(BadChunk::Broken(what));
+            return Err(BadChunk::Foreign { what, from, to });
         }
         self.fill(compression, compressed, size, crc)
             .map(|()| crc != 0)
-            .map_err(|what| match compression {
-                "" | "zstd" | "lz4" => BadChunk::Spoilt { what, from, to },
-                _ => BadChunk::Broken(what),
+            .map_err(|what| match READABLE.contains(&compression) {
+                true => BadChunk::Spoilt { what, from, to },
+                false => BadChunk::Foreign { what, from, to },
             })
     }
 

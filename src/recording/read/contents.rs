@@ -2,7 +2,8 @@
 
 use super::decode::{Decoder, SchemaRef};
 use super::definition::Definition;
-use super::mcap::{Item, Progress, Reader};
+use super::finished::Finished;
+use super::mcap::{Item, Progress};
 use crate::analysis::signal::record::{TimeSource, Unit};
 use std::collections::{BTreeMap, HashMap};
 use std::io;
@@ -72,7 +73,7 @@ struct Looked {
 /// # Errors
 /// It cannot be read, or is damaged in its beginning.
 pub fn contents(path: &Path) -> io::Result<Vec<Content>> {
-    let mut reader = Reader::open(path)?;
+    let mut reader = Finished::open(path)?;
     let mut channels: BTreeMap<u16, Looked> = BTreeMap::new();
     let mut known: HashMap<(String, u16), Readers> = HashMap::new();
     let mut messages = 0;

@@ -2,7 +2,8 @@
 
 use super::hole::Hole;
 use super::in_order::{InOrder, Places};
-use super::mcap::{Damage, Item, Progress, Reader};
+use super::known::Known;
+use super::mcap::{Damage, Item, Next, Progress, Reader};
 use super::verify::{Check, Trust};
 use std::io::{self, Read, Seek};
 
@@ -14,8 +15,10 @@ pub(super) struct FileReader<R> {
     /// `None` until the checksum is verified.
     reader: Option<Box<Reader<InOrder<R>>>>,
     places: Places,
-    /// Topics of samples, if messages are read by their times.
-    by_time: Option<Vec<String>>,
+    /// True if messages are read by their times.
+    by_time: bool,
+    /// Topics of samples; `None`: any of them.
+    sampled: Option<Vec<String>>,
     /// Clause on messages that cannot be put in order.
     pub beyond: Option<String>,
 }
@@ -27,16 +30,20 @@ impl<R: Read + Seek> FileReader<R> {
         Ok(match Check::begin(&mut input)? {
             Some(check) => Self {
                 checking: Some((input, check)),
-                ..Self::empty(None)
+                ..Self::empty()
             },
             None => Self::unchecked(input, live),
         })
     }
 
     /// A finished file, as [`Self::checked`], whose messages are read in the order of their times.
-    /// `sampled`: topics of samples.
-    pub fn by_time(mut input: R, sampled: Vec<String>) -> io::Result<Self> {
-        let mut file = Self::empty(Some(sampled));
+    /// `sampled`: topics of samples, `None` for all.
+    pub fn by_time(mut input: R, sampled: Option<Vec<String>>) -> io::Result<Self> {
+        let mut file = Self {
+            by_time: true,
+            sampled,
+            ..Self::empty()
+        };
         match Check::begin(&mut input)? {
             Some(check) => file.checking = Some((input, check)),
             None => file.unordered = Some(input),
@@ -52,38 +59,45 @@ impl<R: Read + Seek> FileReader<R> {
                 Trust::Unverified,
                 live,
             ))),
-            ..Self::empty(None)
+            ..Self::empty()
         }
     }
 
-    fn empty(by_time: Option<Vec<String>>) -> Self {
+    fn empty() -> Self {
         Self {
             checking: None,
             unordered: None,
             reader: None,
             places: Places::default(),
-            by_time,
+            by_time: false,
+            sampled: None,
             beyond: None,
         }
     }
 
     /// Begins to read a finished file at its first byte.
-    fn begin(&mut self, input: R, trust: Trust) -> io::Result<()> {
-        // Of a damaged file only what comes before the fault counts.
-        let reader = if let Some(sampled) = &self.by_time
-            && trust != Trust::Damaged
-        {
-            let mut input = InOrder::by_time(input, sampled)?;
-            self.beyond = input.beyond();
-            match input.is_moved() {
-                true => Reader::of_moved(input, trust),
-                false => Reader::new(input, trust, false),
-            }
-        } else {
-            Reader::new(InOrder::plain(input), trust, false)
+    fn begin(&mut self, mut input: R, trust: Trust) -> io::Result<()> {
+        // Nothing of a verified file is damaged.
+        let known = match trust {
+            Trust::Verified => None,
+            Trust::Damaged | Trust::Unverified => Known::read(&mut input)?,
+        };
+        // Of a damaged file the order is not believed either.
+        let input = match self.by_time && trust != Trust::Damaged {
+            true => InOrder::by_time(input, self.sampled.as_deref())?,
+            false => InOrder::plain(input),
+        };
+        self.begin_with(input, trust, known);
+        Ok(())
+    }
+
+    fn begin_with(&mut self, mut input: InOrder<R>, trust: Trust, known: Option<Known>) {
+        self.beyond = input.beyond();
+        let reader = match input.is_moved() {
+            true => Reader::of_moved(input, trust),
+            false => Reader::new(input, trust, false).with_known(known),
         };
         self.reader = Some(Box::new(reader));
-        Ok(())
     }
 
     /// Returns the reader set to skip holes left by a power cut, unless the file has a checksum.
@@ -119,6 +133,9 @@ impl<R: Read + Seek> FileReader<R> {
         if let Some(reader) = &mut self.reader {
             // What a step hands out was read by those before it.
             reader.input_mut().places(&mut self.places);
+            for hole in reader.input_mut().take_mended() {
+                each(Item::Hole(&hole));
+            }
             let places = &self.places;
             let in_file = |offset| places.in_file(offset);
             let outcome = reader.step(&mut |item| match item {
@@ -128,6 +145,16 @@ impl<R: Read + Seek> FileReader<R> {
                 })),
                 other => each(other),
             });
+            let outcome = match reader.go_on(outcome) {
+                Next::Is(outcome) => outcome,
+                Next::At(at) => match reader.input_mut().go_to(at) {
+                    Ok(()) => Ok(Progress::More),
+                    Err(fault) => Err(Damage {
+                        offset: at,
+                        what: format!("the file cannot be read: {fault}"),
+                    }),
+                },
+            };
             return outcome.map_err(|damage| Damage {
                 offset: in_file(damage.offset),
                 ..damage

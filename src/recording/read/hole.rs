@@ -1,4 +1,4 @@
-//! Holes of a recording: data lost between two intact places.
+//! Holes of a recording: damage between two intact places.
 
 use crate::analysis::signal::record::Timestamp;
 use std::collections::BTreeSet;
@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 /// Most topics named in a sentence.
 const NAMED: usize = 8;
 
-/// Data lost in the middle of a file.
+/// Damage in the middle of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Hole {
     /// Begin in the file \[bytes\].
@@ -17,6 +17,8 @@ pub struct Hole {
     pub span: Option<(Timestamp, Timestamp)>,
     /// Channels that lost messages; empty: unknown.
     pub channels: BTreeSet<u16>,
+    /// True if messages are lost, or may be.
+    pub is_loss: bool,
 }
 
 impl Hole {
@@ -31,6 +33,15 @@ impl Hole {
             what,
             span,
             channels: BTreeSet::new(),
+            is_loss: true,
+        }
+    }
+
+    /// Damage that cost no message.
+    pub fn without_loss(offset: u64, what: String) -> Self {
+        Self {
+            is_loss: false,
+            ..Self::new(offset, what, None)
         }
     }
 
@@ -47,6 +58,9 @@ impl Hole {
     /// One clause with place, fault, time and topics.
     pub fn sentence<'a>(&self, topics: impl ExactSizeIterator<Item = &'a str>) -> String {
         let Self { offset, what, .. } = self;
+        if !self.is_loss {
+            return format!("at byte {offset}: {what}; no message is lost by it");
+        }
         let when = match &self.span {
             Some((from, to)) => format!("from {from} to {to}"),
             None => "there".to_owned(),

@@ -7,13 +7,13 @@
 
 mod even;
 mod index;
-mod layout;
 mod merge;
 mod window;
 
+use super::hole::Hole;
+use super::layout::Layout;
 use crate::analysis::signal::record::Timestamp;
 use index::{Order, WINDOW};
-use layout::Layout;
 use mcap::records::op;
 use merge::Merge;
 use std::collections::VecDeque;
@@ -96,6 +96,12 @@ impl<R> InOrder<R> {
         self.beyond.take()
     }
 
+    /// Takes the damage that cost no message, of the chunks opened since.
+    pub fn take_mended(&mut self) -> Vec<Hole> {
+        let moved = self.moved.as_deref_mut();
+        moved.map_or_else(Vec::new, |moved| std::mem::take(&mut moved.merge.mended))
+    }
+
     /// Bytes of the messages that are put in order.
     pub fn held(&self) -> usize {
         let held = |moved: &Moved| moved.merge.held() + moved.given.0.capacity();
@@ -104,8 +110,8 @@ impl<R> InOrder<R> {
 }
 
 impl<R: Read + Seek> InOrder<R> {
-    /// A finished file, its messages by time; `sampled`: topics of samples.
-    pub fn by_time(mut input: R, sampled: &[String]) -> io::Result<Self> {
+    /// A finished file, its messages by time; `sampled`: topics of samples, `None` for all.
+    pub fn by_time(mut input: R, sampled: Option<&[String]>) -> io::Result<Self> {
         let ordered = Self::order(&mut input, sampled);
         input.seek(SeekFrom::Start(0))?;
         let (moved, beyond) = match ordered {
@@ -121,8 +127,13 @@ impl<R: Read + Seek> InOrder<R> {
         })
     }
 
-    fn order(input: &mut R, sampled: &[String]) -> io::Result<(Option<Moved>, Option<String>)> {
-        let Some(layout) = Layout::read(input)? else {
+    /// Goes on at a position of the file as it is \[bytes\].
+    pub fn go_to(&mut self, at: u64) -> io::Result<()> {
+        self.input.seek(SeekFrom::Start(at)).map(|_| ())
+    }
+
+    fn order(input: &mut R, sampled: Option<&[String]>) -> io::Result<(Option<Moved>, Option<String>)> {
+        let Some(layout) = Layout::read(input)?.filter(Layout::is_whole) else {
             return Ok((None, None));
         };
         Ok(match Order::of(&layout, input, sampled)? {

@@ -4,22 +4,26 @@
 //! in them is handed out. Besides broken framing and wrong checksums, these are refused: a message
 //! before its channel, a channel or schema that changes under its id, names that are not UTF-8,
 //! a chunk in a chunk, messages after the data section, and sizes beyond any recorder's. A chunk of correct
-//! length with damaged content is a hole: it is reported, and reading continues after it.
+//! length with damaged content is a hole: it is reported, and reading continues after it; so is damage of the framing, where the summary
+//! of the file tells the next place.
 
 mod contents;
+mod passing;
+mod resume;
+
+pub(super) use resume::Next;
 
 use super::decode::SchemaRef;
 use super::hole::Hole;
-use super::verify::{self, Trust};
+use super::known::Known;
+use super::verify::Trust;
 use contents::Contents;
 use mcap::McapError;
 use mcap::records::op;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::BTreeMap;
-use std::fs::{self, File};
-use std::io::{self, Read};
+use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
 
 /// Largest record accepted, compressed chunks included \[bytes\].
 pub const MAX_RECORD: usize = 16 << 20;
@@ -103,22 +107,10 @@ pub struct Reader<R> {
     /// Fewest bytes requested of the input at once.
     ahead: usize,
     bytes_read: u64,
-}
-
-impl Reader<File> {
-    /// Opens a finished file; it is first read once for its checksum.
-    ///
-    /// # Errors
-    /// It is no regular file, or cannot be read.
-    pub fn open(path: &Path) -> io::Result<Self> {
-        // Before it is opened: opening a pipe would wait for its writer.
-        if !fs::metadata(path)?.is_file() {
-            return Err(io::Error::other("is no regular file"));
-        }
-        let mut file = File::open(path)?;
-        let trust = verify::verify(&mut file)?;
-        Ok(Self::new(file, trust, false))
-    }
+    /// True if the input began as an MCAP file does.
+    has_magic: bool,
+    /// Places by the summary of a file that may be damaged.
+    known: Option<Known>,
 }
 
 impl ChannelInfo {
@@ -145,20 +137,26 @@ impl<R: Read> Reader<R> {
             true => MAX_RECORD,
             false => MAX_MADE,
         };
-        let options = LinearReaderOptions::default()
-            .with_emit_chunks(true)
-            .with_validate_data_section_crc(has_checksum)
-            .with_validate_summary_section_crc(true)
-            .with_check_finishes_after_end_magic(!live)
-            .with_record_length_limit(most);
+        let options = LinearReaderOptions::default().with_record_length_limit(most);
+        let mut contents = Contents::new(trust, !live);
+        contents.is_framed = !has_checksum;
         Self {
             input,
-            framing: LinearReader::new_with_options(options),
-            contents: Contents::new(trust, !live),
+            framing: framing_of(options, has_checksum, live),
+            contents,
             live,
             ahead: 1 << 16,
             bytes_read: 0,
+            has_magic: false,
+            known: None,
         }
+    }
+
+    /// Goes on behind damage at places of the file.
+    pub(super) fn with_known(mut self, known: Option<Known>) -> Self {
+        self.contents.is_known = known.as_ref().is_some_and(Known::is_checked);
+        self.known = known;
+        self
     }
 
     /// Starts at the first byte of a stream from a socket: waits for missing data, takes smaller chunks and
@@ -195,7 +193,10 @@ impl<R: Read> Reader<R> {
             live,
             ahead,
             bytes_read,
+            has_magic,
+            known,
         } = self;
+        contents.is_passable = false;
         let offset = contents.offset;
         let damage = |what: String| Damage { offset, what };
         if let Some(under_way) = contents.under_way {
@@ -216,16 +217,28 @@ impl<R: Read> Reader<R> {
                 }))
         );
         if !is_index && let Some(hole) = contents.hole.take() {
+            // The chunk that defines the channels of others may be the one that is lost.
+            if let Some(known) = known.as_mut().filter(|_| hole.is_loss) {
+                contents.define(&known.take_definitions(), known.is_checked(), each);
+            }
             each(Item::Hole(&hole));
         }
         match event {
             None => return contents.end(),
             Some(Err(McapError::UnexpectedEof)) => return Ok(Progress::Truncated),
             // The checksum differs because of the holes, which are already reported.
-            Some(Err(McapError::BadDataCrc { .. })) if contents.holes > 0 => return Ok(Progress::Complete),
-            Some(Err(fault)) => return Err(damage(sentence(&fault))),
+            Some(Err(McapError::BadDataCrc { .. }))
+                if contents.holes > 0 && known.as_ref().is_none_or(|known| known.ends_at(offset)) =>
+            {
+                return Ok(Progress::Complete);
+            }
+            Some(Err(fault)) => return Err(damage(contents.passable(sentence(&fault)))),
             Some(Ok(LinearReadEvent::Record { opcode, data })) => {
                 let bytes = 9 + data.len() as u64;
+                if let Some(known) = known {
+                    let checked = known.check(offset, opcode, bytes);
+                    checked.map_err(|what| damage(contents.passable(what.to_owned())))?;
+                }
                 match opcode {
                     op::CHUNK => contents.begin_chunk(bytes, data, each).map_err(damage)?,
                     _ => contents.record(opcode, data, each).map_err(damage)?,
@@ -244,6 +257,14 @@ impl<R: Read> Reader<R> {
                 Err(fault) if fault.kind() == std::io::ErrorKind::Interrupted => return Ok(Progress::More),
                 Err(fault) => return Err(damage(format!("the file cannot be read: {fault}"))),
             };
+            // At once: a file that is none may be shorter than the first bytes of one that is.
+            if let Some(rest) = mcap::MAGIC.get(*bytes_read as usize..).filter(|_| !*has_magic) {
+                let begun = count.min(rest.len());
+                if buffer[..begun] != rest[..begun] {
+                    return Err(damage(contents.passable(sentence(&McapError::BadMagic))));
+                }
+                *has_magic = begun == rest.len();
+            }
             framing.notify_read(count);
             *bytes_read += count as u64;
         }
@@ -290,6 +311,16 @@ impl<R: Read> Reader<R> {
     pub fn data_ended(&self) -> bool {
         self.contents.data_ended
     }
+}
+
+/// Framing of a file whose checksums are verified, that over all of its data by `has_checksum`.
+fn framing_of(options: LinearReaderOptions, has_checksum: bool, live: bool) -> LinearReader {
+    let options = options
+        .with_emit_chunks(true)
+        .with_validate_data_section_crc(has_checksum)
+        .with_validate_summary_section_crc(true)
+        .with_check_finishes_after_end_magic(!live);
+    LinearReader::new_with_options(options)
 }
 
 /// Error of the framing in the words of this program.

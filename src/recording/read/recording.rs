@@ -175,7 +175,7 @@ impl Recording {
         Ok(Self {
             stage: Stage::Reading(match live {
                 true => FileReader::unchecked(input, live),
-                false => FileReader::by_time(input, sampled.collect()).map_err(failed)?,
+                false => FileReader::by_time(input, Some(sampled.collect())).map_err(failed)?,
             }),
             router: Router::new(rods, settings),
             queue: VecDeque::new(),

@@ -1,6 +1,7 @@
 //! Routes messages of a file's channels to the rods: decodes them and passes the samples to the assemblers.
 
 mod ahead;
+mod holes;
 mod join;
 mod memory;
 mod message;
@@ -13,7 +14,6 @@ pub(super) use rod::{Files, Rod};
 pub(super) use timed::Timed;
 
 use super::decode::{DecodeError, SchemaRef};
-use super::hole::Hole;
 use super::lanes::{self, Found};
 use super::mcap::{ChannelInfo, Item, Message};
 use super::plans::{Plans, Route};
@@ -29,7 +29,7 @@ use crate::recording::note;
 use ahead::Ahead;
 use memory::WEIGHED_EVERY;
 use rod::Count;
-use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
+use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::Arc;
 
 /// Most bytes of all rods' samples that are not yet in a record, if nothing else is said; beyond, the longest
@@ -341,45 +341,6 @@ impl Router {
             self.weigh();
         }
         has_more
-    }
-
-    /// Notes data lost in the file, and rejects it for each rod that may have had messages there.
-    fn hole(&mut self, hole: &Hole) {
-        let is_lost = |id: usize| {
-            hole.channels.is_empty() || u16::try_from(id).is_ok_and(|id| hole.channels.contains(&id))
-        };
-        let (mut topics, mut rods) = (BTreeSet::new(), BTreeSet::new());
-        let channels = self.channels.iter().enumerate();
-        for (_, listed) in channels.filter(|(id, listed)| listed.known && is_lost(*id)) {
-            topics.insert(listed.topic);
-            let routes = listed.routes.as_deref().unwrap_or_default();
-            rods.extend(
-                routes
-                    .iter()
-                    .filter(|route| !route.temperature)
-                    .map(|route| route.rod),
-            );
-        }
-        // A hole before the channels of the file are known may be anybody's.
-        if topics.is_empty() {
-            rods.extend(0..self.rods.len());
-        }
-        let names: Vec<&str> = topics
-            .iter()
-            .filter_map(|topic| Some(self.topics.get(*topic)?.name.as_str()))
-            .collect();
-        let detail = hole.sentence(names.into_iter());
-        for at in rods {
-            if let Some(rod) = self.rods.get_mut(at) {
-                let rejection = Rejection::Damaged {
-                    detail: detail.clone(),
-                };
-                rod.assembler
-                    .tell_lost(hole.start(), hole.duration_s(), rejection);
-            }
-        }
-        self.holes.push(detail);
-        self.collect(false);
     }
 
     /// Takes samples that need no decoding.

@@ -188,8 +188,11 @@ impl Series {
 
     fn begin_anew(&mut self) {
         let journal = self.router.journal.take();
+        let holes = self.router.take_holes();
         self.renew(Router::new(&self.channels, &self.settings));
         self.router.journal = journal;
+        // Of the part under way: they are told at its end.
+        self.router.keep_holes(holes);
     }
 
     /// Takes another router; the listener stays.

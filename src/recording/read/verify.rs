@@ -15,19 +15,8 @@ pub enum Trust {
 }
 
 const FOOTER: u64 = 9 + 20;
-const DATA_END: u64 = 9 + 4;
-
-/// Reads the file once to check it, and rewinds it.
-pub fn verify(file: &mut (impl Read + Seek)) -> io::Result<Trust> {
-    let Some(mut check) = Check::begin(file)? else {
-        return Ok(Trust::Unverified);
-    };
-    loop {
-        if let Some(trust) = check.step(file)? {
-            return Ok(trust);
-        }
-    }
-}
+/// Length of the record that ends the data \[bytes\].
+pub(super) const DATA_END: u64 = 9 + 4;
 
 /// Number of bytes that a step reads.
 const STEP: usize = 1 << 18;
@@ -82,8 +71,29 @@ impl Check {
     }
 }
 
-/// Begin of the summary of a complete file and of its footer, equal without a summary; `None` if the file has no end \[bytes\].
-pub fn summary(file: &mut (impl Read + Seek)) -> io::Result<Option<(u64, u64)>> {
+/// Ends of a complete file.
+pub(super) struct Ends {
+    /// Begin of the summary; that of the footer without one \[bytes\].
+    pub summary_at: u64,
+    /// Begin of the footer \[bytes\].
+    pub footer_at: u64,
+    /// Footer without its checksum, and that.
+    footer: [u8; 25],
+    checksum: u32,
+}
+
+impl Ends {
+    /// Checksum of the summary as it is saved and by its bytes; `None` if none is saved.
+    pub fn checksum_of(&self, summary: &[u8]) -> Option<(u32, u32)> {
+        let mut hasher = crc32fast::Hasher::new();
+        hasher.update(summary);
+        hasher.update(&self.footer);
+        (self.checksum != 0).then(|| (self.checksum, hasher.finalize()))
+    }
+}
+
+/// Ends of a complete file; `None` if it has no end.
+pub(super) fn ends(file: &mut (impl Read + Seek)) -> io::Result<Option<Ends>> {
     let length = file.seek(SeekFrom::End(0))?;
     let tail_length = FOOTER + mcap::MAGIC.len() as u64;
     if length < tail_length + DATA_END {
@@ -91,9 +101,10 @@ pub fn summary(file: &mut (impl Read + Seek)) -> io::Result<Option<(u64, u64)>> 
     }
     let footer_at = length - tail_length;
     file.seek(SeekFrom::Start(footer_at))?;
-    let mut tail = [0u8; 37];
-    file.read_exact(&mut tail)?;
-    let (footer, magic) = tail.split_at(29);
+    let (mut footer, mut checksum, mut magic) = ([0u8; 25], [0u8; 4], [0u8; 8]);
+    file.read_exact(&mut footer)?;
+    file.read_exact(&mut checksum)?;
+    file.read_exact(&mut magic)?;
     let (head, content) = footer.split_at(9);
     if magic != mcap::MAGIC || head != [2, 20, 0, 0, 0, 0, 0, 0, 0] {
         return Ok(None);
@@ -104,12 +115,17 @@ pub fn summary(file: &mut (impl Read + Seek)) -> io::Result<Option<(u64, u64)>> 
         0 => footer_at,
         at => at,
     };
-    Ok((summary_at <= footer_at).then_some((summary_at, footer_at)))
+    Ok((summary_at <= footer_at).then_some(Ends {
+        summary_at,
+        footer_at,
+        footer,
+        checksum: u32::from_le_bytes(checksum),
+    }))
 }
 
 /// End of the data of a complete file \[bytes\] and the checksum over them; `None` without.
 fn find(file: &mut (impl Read + Seek)) -> io::Result<Option<(u64, u32)>> {
-    let Some(end_at) = summary(file)?.and_then(|(summary_at, _)| summary_at.checked_sub(DATA_END)) else {
+    let Some(end_at) = ends(file)?.and_then(|ends| ends.summary_at.checked_sub(DATA_END)) else {
         return Ok(None);
     };
     file.seek(SeekFrom::Start(end_at))?;

@@ -1,8 +1,8 @@
 //! The order in which a file's messages stand, by the indices behind its chunks.
 
+use super::super::layout::{Chunk, Layout};
 use super::super::wire::Fields;
 use super::even::{Even, Kept};
-use super::layout::{Chunk, Layout};
 use super::window::{Entry, WEIGHT, Window};
 use mcap::records::op;
 use std::collections::{BTreeMap, BTreeSet};
@@ -22,8 +22,12 @@ pub(super) enum Order {
 }
 
 impl Order {
-    /// Looks through the indices of a file; `sampled`: topics of samples.
-    pub fn of(layout: &Layout, input: &mut (impl Read + Seek), sampled: &[String]) -> io::Result<Self> {
+    /// Looks through the indices of a file; `sampled`: topics of samples, `None` for all.
+    pub fn of(
+        layout: &Layout,
+        input: &mut (impl Read + Seek),
+        sampled: Option<&[String]>,
+    ) -> io::Result<Self> {
         let mut bytes = Vec::new();
         let mut latest = 0;
         let mut is_in_order = true;

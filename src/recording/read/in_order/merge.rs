@@ -1,10 +1,12 @@
 //! The messages of chunks that overlap in time, as chunks in the order of their times.
 
 use super::super::chunk::{ChunkReader, MAX_CHUNK};
+use super::super::hole::Hole;
+use super::super::known::HEAD;
+use super::super::layout::{Chunk, Layout};
 use super::super::wire::Fields;
 use super::even::Kept;
 use super::index::sorted;
-use super::layout::{Chunk, Layout};
 use super::window::{Entry, Window};
 use super::{Piece, chunk_of};
 use mcap::records::op;
@@ -28,6 +30,8 @@ pub(super) struct Merge {
     /// Definitions in the chunks opened since the last one was made.
     definitions: Vec<u8>,
     reader: ChunkReader,
+    /// Damage of the chunks opened that cost no message.
+    pub mended: Vec<Hole>,
 }
 
 /// A chunk whose messages are not all passed on.
@@ -48,6 +52,7 @@ impl Merge {
             ready: VecDeque::new(),
             definitions: Vec::new(),
             reader: ChunkReader::default(),
+            mended: Vec::new(),
         }
     }
 
@@ -79,21 +84,24 @@ impl Merge {
         let mut record = vec![0; chunk.record as usize];
         input.seek(SeekFrom::Start(chunk.at))?;
         input.read_exact(&mut record)?;
-        let as_it_stands = |from: u64| {
-            let piece = (chunk.end > from).then(|| Piece::File(from, chunk.end - from));
-            piece.into_iter().collect()
+        let as_it_stands = |from: u64| (chunk.end > from).then(|| Piece::File(from, chunk.end - from));
+        let head = chunk.head();
+        let (own, content) = record.split_at_checked(head.len()).unwrap_or_default();
+        // The head is the summary's: it says where the chunk ends.
+        let whole = || {
+            let head = Piece::Given(head.to_vec(), chunk.at);
+            std::iter::once(head).chain(as_it_stands(chunk.at + 9)).collect()
         };
-        let mut whole = Fields(&record);
-        let Ok(Some((op::CHUNK, content))) = whole.record() else {
-            return Ok(as_it_stands(chunk.at));
+        let Ok(is_checked) = self.reader.read(content, MAX_CHUNK) else {
+            return Ok(whole());
         };
-        let (true, Ok(is_checked)) = (whole.0.is_empty(), self.reader.read(content.0, MAX_CHUNK)) else {
-            return Ok(as_it_stands(chunk.at));
-        };
+        if own != head {
+            self.mended.push(Hole::without_loss(chunk.at, HEAD.to_owned()));
+        }
         drop(record);
         let records = self.reader.take();
         let Ok(Some((entries, definitions))) = look_through(chunk.number, &records) else {
-            return Ok(as_it_stands(chunk.at));
+            return Ok(whole());
         };
         self.definitions.extend(definitions);
         if !entries.is_empty() {
@@ -110,7 +118,9 @@ impl Merge {
             time: kept.time(entry.channel, entry.time),
             ..entry
         }));
-        Ok(as_it_stands(chunk.at + chunk.record + chunk.index))
+        Ok(as_it_stands(chunk.at + chunk.record + chunk.index)
+            .into_iter()
+            .collect())
     }
 
     /// A chunk of the messages whose turn it is.

@@ -15,9 +15,6 @@ const MAX_HELD: usize = 16 << 20;
 /// Bytes of a chunk's records handed out in one step: their results are taken before more follow.
 const HANDED_OUT: usize = 256 << 10;
 
-/// Most holes of a file; reading stops beyond.
-const MOST_HOLES: usize = 100;
-
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Schema {
     name: String,
@@ -33,6 +30,14 @@ pub(super) struct Contents {
     pub under_way: Option<UnderWay>,
     /// True if a damaged chunk is skipped.
     pub passes_holes: bool,
+    /// True if the length of every chunk is right, whatever is in it.
+    pub is_framed: bool,
+    /// True if the summary tells where the chunks stand and the indices behind them.
+    pub is_known: bool,
+    /// True if what ended the reading can be left out: it could not be read, but contradicts nothing that was.
+    pub is_passable: bool,
+    /// True if a chunk was read.
+    has_chunk: bool,
     /// A hole not reported yet: the indices after it may name its channels.
     pub hole: Option<Hole>,
     pub holes: usize,
@@ -41,7 +46,7 @@ pub(super) struct Contents {
     /// Known channel ids, looked up for every message.
     known: Vec<bool>,
     pub offset: u64,
-    previous: u8,
+    pub previous: u8,
     pub data_ended: bool,
     pub messages: u64,
     /// Number of messages by the file's own count.
@@ -70,6 +75,10 @@ impl Contents {
             chunk: ChunkReader::default(),
             under_way: None,
             passes_holes,
+            is_framed: false,
+            is_known: false,
+            is_passable: false,
+            has_chunk: false,
             hole: None,
             holes: 0,
             schemas: HashMap::new(),
@@ -105,7 +114,7 @@ impl Contents {
     fn next_is(&mut self, opcode: u8) -> Result<u8, String> {
         let previous = std::mem::replace(&mut self.previous, opcode);
         if previous == 0 && opcode != op::HEADER {
-            return Err("the first record is not a header".to_owned());
+            return Err(self.passable("the first record is not a header".to_owned()));
         }
         Ok(previous)
     }
@@ -119,14 +128,13 @@ impl Contents {
                 Trust::Verified => {}
                 Trust::Unverified => self.unverified(each),
                 Trust::Damaged => {
-                    return Err(
-                        "the checksum of the data is wrong, and this is not in a checked chunk".to_owned(),
-                    );
+                    let what = "the checksum of the data is wrong, and this is not in a checked chunk";
+                    return Err(self.passable(what.to_owned()));
                 }
             }
         }
         match opcode {
-            op::HEADER if previous != 0 => Err("a second header".to_owned()),
+            op::HEADER if previous != 0 => Err(self.passable("a second header".to_owned())),
             op::SCHEMA => self.schema(Fields(data)).map_err(str::to_owned),
             op::CHANNEL => self.channel(Fields(data), each).map_err(str::to_owned),
             op::MESSAGE if self.data_ended => Err("a message behind the end of the data".to_owned()),
@@ -144,9 +152,11 @@ impl Contents {
                 self.counted = Some(Fields(data).u64()?);
                 Ok(())
             }
-            op::MESSAGE_INDEX => self
-                .message_index(previous, Fields(data))
-                .or_else(|what| self.lose(what, None)),
+            op::MESSAGE_INDEX => match self.message_index(previous, Fields(data)) {
+                Err(what) if self.is_known => Err(self.passable(what)),
+                Err(what) => self.lose(what, None),
+                Ok(()) => Ok(()),
+            },
             op::HEADER | op::FOOTER | op::ATTACHMENT | op::METADATA => Ok(()),
             op::CHUNK_INDEX | op::ATTACHMENT_INDEX | op::METADATA_INDEX | op::SUMMARY_OFFSET
                 if self.data_ended =>
@@ -157,25 +167,13 @@ impl Contents {
             // Extensions of others; but in a damaged file this may have been a chunk.
             0x80.. if self.trust == Trust::Unverified => Ok(()),
             // No record has this kind: a blank end, after a power cut.
-            0 => Err("a record of unknown kind 0x00".to_owned()),
+            0 => Err(self.passable("a record of unknown kind 0x00".to_owned())),
             // It may have been a chunk.
             other => self.lose(format!("a record of unknown kind {other:#04x}"), None),
         }
     }
 
-    /// Skips a damaged record of correct length; `span`: its first and last log time.
-    fn lose(&mut self, what: String, span: Option<(u64, u64)>) -> Result<(), String> {
-        if !self.passes_holes || self.holes >= MOST_HOLES {
-            return Err(what);
-        }
-        self.holes += 1;
-        let offset = self.offset;
-        // An odd index behind a spoilt chunk belongs to that one's hole.
-        self.hole.get_or_insert_with(|| Hole::new(offset, what, span));
-        Ok(())
-    }
-
-    fn unverified(&mut self, each: &mut dyn FnMut(Item<'_>)) {
+    pub fn unverified(&mut self, each: &mut dyn FnMut(Item<'_>)) {
         if !std::mem::replace(&mut self.unverified, true) {
             each(Item::Unverified);
         }
@@ -217,8 +215,15 @@ impl Contents {
         // Taken out while its buffer is borrowed.
         let mut reader = std::mem::take(&mut self.chunk);
         let outcome = match reader.read(data, self.max_chunk) {
-            Ok(is_checked) => self.look_through(is_checked, &reader, each).map(|()| true),
-            Err(BadChunk::Broken(what)) => Err(what),
+            Ok(is_checked) => {
+                self.has_chunk = true;
+                self.look_through(is_checked, &reader, each).map(|()| true)
+            }
+            Err(BadChunk::Broken(what)) if self.is_framed => self.lose(what, None).map(|()| false),
+            Err(BadChunk::Foreign { what, from, to }) if self.has_chunk && !self.is_known => {
+                self.lose(what, Some((from, to))).map(|()| false)
+            }
+            Err(BadChunk::Broken(what) | BadChunk::Foreign { what, .. }) => Err(self.passable(what)),
             Err(BadChunk::Spoilt { what, from, to }) => self.lose(what, Some((from, to))).map(|()| false),
         };
         self.chunk = reader;
@@ -302,7 +307,7 @@ impl Contents {
         outcome
     }
 
-    fn schema(&mut self, mut fields: Fields<'_>) -> Result<(), &'static str> {
+    pub fn schema(&mut self, mut fields: Fields<'_>) -> Result<(), &'static str> {
         let id = fields.u16()?;
         let name = fields.text()?;
         let encoding = fields.text()?;
@@ -334,7 +339,7 @@ impl Contents {
         Ok(())
     }
 
-    fn channel(
+    pub fn channel(
         &mut self,
         mut fields: Fields<'_>,
         each: &mut dyn FnMut(Item<'_>),

@@ -248,6 +248,55 @@ fn saw(to: std::net::SocketAddr, lengths: Vec<usize>) -> std::net::SocketAddr {
     address
 }
 
+/// A recording of [`motion`] in messages of a tenth of a second, the second half of every twenty before the first.
+fn out_of_order(count: usize) -> Vec<u8> {
+    let options = mcap::WriteOptions::new().chunk_size(Some(2000));
+    let mut writer = options.create(std::io::Cursor::new(Vec::new())).unwrap();
+    let channel = writer
+        .add_channel(0, "/laser", "json", &Default::default())
+        .unwrap();
+    let samples = motion(20 * count);
+    for at in 0..count {
+        let index = at / 20 * 20 + (at + 10) % 20;
+        let time = 1_772_344_800_000_000_000 + index as u64 * 100_000_000;
+        let header = mcap::records::MessageHeader {
+            channel_id: channel,
+            sequence: at as u32,
+            log_time: time,
+            publish_time: time,
+        };
+        let data = format!("{{\"values\":{:?}}}", &samples[20 * index..20 * (index + 1)]);
+        writer.write_to_known_channel(&header, data.as_bytes()).unwrap();
+    }
+    writer.finish().unwrap();
+    writer.into_inner().into_inner()
+}
+
+/// As `replay` reads it, also where it goes on behind a cut by the number of messages.
+#[test]
+fn send_puts_the_messages_of_a_recording_in_order() {
+    let daemon = Daemon::start(settings());
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.mcap");
+    std::fs::write(&file, out_of_order(600)).unwrap();
+    let through = saw(daemon.address, vec![5000, 30_000]);
+    let to = format!("tcp://{through}");
+    let flags = ["--to", &to, "--speed", "100", "--sender", "north-laser"];
+    let mut arguments = vec![file.as_os_str()];
+    arguments.extend(flags.map(std::ffi::OsStr::new));
+    let output = tirante_send(&arguments);
+    assert!(output.status.success(), "{output:?}");
+    let streams = daemon.ledger.streams();
+    let times: Vec<u64> = streams
+        .iter()
+        .flat_map(|stream| stream.messages())
+        .map(|message| message.1)
+        .collect();
+    let expected = (0..600u64).map(|index| 1_772_344_800_000_000_000 + index * 100_000_000);
+    assert!(expected.eq(times.iter().copied()), "{} of 600", times.len());
+    assert!(streams.len() >= 2, "{}", streams.len());
+}
+
 #[test]
 fn send_goes_on_after_every_cut() {
     let daemon = Daemon::start(settings());

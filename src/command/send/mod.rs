@@ -159,6 +159,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         shift_ns: Cell::new(None),
         durable: Cell::new(0),
         losses: Cell::new(0),
+        notes: Cell::new(0),
         too_large: Cell::new(0),
         left_out: RefCell::default(),
     };
@@ -220,6 +221,8 @@ struct Errand<'a> {
     durable: Cell<u64>,
     /// Number of damaged recordings.
     losses: Cell<usize>,
+    /// Number of facts told about the recordings.
+    notes: Cell<usize>,
     /// Number of messages too large for a socket, which no attempt sends.
     too_large: Cell<u64>,
     /// Number of messages that the daemon did not keep, by reason.
@@ -300,6 +303,7 @@ impl Errand<'_> {
         let mut stream = Stream::new()?;
         let mut messages = 0;
         let mut losses = 0;
+        let mut notes = 0;
         let mut too_large = 0;
         // Channels of the open recording that are not asked for.
         let mut unwanted = HashSet::new();
@@ -320,6 +324,14 @@ impl Errand<'_> {
                 Piece::Message(message) if unwanted.contains(&message.channel) => continue,
                 Piece::Channel(channel) => {
                     stream.channel(&channel)?;
+                    continue;
+                }
+                Piece::Note(what) => {
+                    notes += 1;
+                    if notes > self.notes.get() {
+                        self.notes.set(notes);
+                        self.bar.say(&format!("warning: {what}"));
+                    }
                     continue;
                 }
                 Piece::Loss(what) => {

@@ -1,9 +1,9 @@
-//! Recordings as one series of channels and messages, in the order of their data.
+//! Recordings as one series of channels and messages, in the order of their data: each in that of its log times, as `replay` reads it.
 
-use crate::recording::read::mcap::{Item, Progress, Reader};
+use crate::recording::read::Finished;
+use crate::recording::read::mcap::{Item, Progress};
 use crate::service::journal::Definition;
 use std::collections::{HashMap, VecDeque};
-use std::fs::File;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -34,14 +34,17 @@ pub(super) enum Piece {
     File,
     Channel(Channel),
     Message(Message),
+    /// A fact that is no loss.
+    Note(String),
     /// A recording is damaged or cannot be read, with the reason: the items before are good.
     Loss(String),
 }
 
-/// Reads recordings one after another; holds one chunk.
+/// Reads recordings one after another; holds one chunk, or those that are put in order. The same recordings give the same messages in the
+/// same order: a stream that was cut goes on by their number.
 pub(super) struct Playback {
     files: std::vec::IntoIter<PathBuf>,
-    open: Option<(PathBuf, Reader<File>)>,
+    open: Option<(PathBuf, Finished)>,
     pieces: VecDeque<Piece>,
     /// Schemas of the open recording, by id.
     definitions: HashMap<u16, Definition>,
@@ -75,9 +78,12 @@ impl Iterator for Playback {
             }
             let Some((path, reader)) = &mut self.open else {
                 let path = self.files.next()?;
-                match Reader::open(&path) {
-                    Ok(reader) => {
-                        self.open = Some((path, reader));
+                match Finished::open(&path) {
+                    Ok(mut file) => {
+                        let beyond = file.take_beyond();
+                        let note = beyond.map(|what| Piece::Note(format!("{}: {what}", path.display())));
+                        self.pieces.extend(note);
+                        self.open = Some((path, file));
                         self.definitions.clear();
                         return Some(Piece::File);
                     }

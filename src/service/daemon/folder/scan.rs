@@ -74,8 +74,10 @@ impl Folder {
             }
         }
         let new: Vec<&OsString> = links.difference(&self.links).collect();
-        if !new.is_empty() {
-            self.health.fault(Fault::Folder, not_followed(&self.path, &new));
+        let sentence = not_followed(&self.path, &new);
+        // Each counts.
+        for _ in &new {
+            self.health.fault(Fault::Folder, &sentence);
         }
         self.links = links;
         for folder in &self.unreadable {

@@ -1,4 +1,4 @@
-//! Thousands of channels with one topic: named shortly, and read in a time that grows with the file.
+//! Thousands of channels with one topic: named shortly. Where the time grew with the square of their number this took minutes.
 
 #![allow(
     clippy::unwrap_used,
@@ -8,7 +8,6 @@
 use crate::common::*;
 use std::collections::BTreeMap;
 use std::io::Cursor;
-use std::time::Instant;
 use tirante::analysis::signal::record::{RecordSettings, Rejection};
 use tirante::recording::read::Event;
 
@@ -35,12 +34,9 @@ fn in_turn(channels: u16, rounds: u64) -> Vec<u8> {
 }
 
 #[test]
-fn they_are_told_shortly_and_in_a_time_that_grows_with_the_file() {
+fn they_are_told_shortly() {
     let bytes = in_turn(4000, 25);
-    let begun = Instant::now();
     let (events, summary) = read(bytes, &[rod("r", "/laser", "value")], &RecordSettings::default());
-    // About a second; sorting the names of all for every message takes minutes.
-    assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
     let told = &summary.topics["/laser"];
     assert_eq!((told.messages, told.undecodable), (100_000, 96_000));
     assert!(

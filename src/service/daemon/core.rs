@@ -432,13 +432,6 @@ impl Core {
     /// Checks if the store is still the file that is written. If not, nothing is stored or acknowledged, and
     /// messages go past the store, until the same file is back or the daemon is restarted.
     fn look_at_files(&mut self) -> Result<(), CoreError> {
-        if self.site.as_mut().map_or(Ok(false), Site::keep_lock)? {
-            let detail = format!(
-                "the lock of {} was removed, and is taken anew: look if another program wrote into the store",
-                self.about()
-            );
-            self.health.fault(Fault::Files, detail);
-        }
         let begun = Instant::now();
         let mut is_lost = false;
         while let Err((path, what)) = self.guard.look() {
@@ -468,6 +461,23 @@ impl Core {
             self.health.over(Fault::Files, &self.about());
             self.silence.forgive(begun.elapsed());
         }
+        self.keep_lock()
+    }
+
+    /// Takes the lock of the store, whose files are in their place, anew if it was removed.
+    fn keep_lock(&mut self) -> Result<(), CoreError> {
+        let about = self.about();
+        let detail = match self.site.as_mut().map_or(Ok(false), Site::keep_lock) {
+            Ok(false) => return Ok(()),
+            Ok(true) => format!(
+                "the lock of {about} was removed, and is taken anew: look if another program wrote into the store"
+            ),
+            // There must be one writer.
+            Err(error @ StoreError::Held { .. }) => return Err(error.into()),
+            // The next tick tries again.
+            Err(error) => format!("the lock of {about} was removed, and cannot be taken anew: {error}"),
+        };
+        self.health.fault(Fault::Files, detail);
         Ok(())
     }
 

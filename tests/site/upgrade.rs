@@ -1,7 +1,7 @@
 //! A store that the version before wrote goes on: its baselines stay, its records stay as they are, and what comes is told.
 //!
-//! `fixtures/store-format-4.*` hold the store of 17 days of two healthy rods ([`SITE`] with 64 particles, simulated with seed 1000)
-//! and its `history --format json`, both written by the last version of that format.
+//! `fixtures/store-format-N.*` hold the store of 17 days of two healthy rods ([`SITE`] with 64 particles, simulated with seed 1000)
+//! and its `history --format json`, both written by the last version of that format; 6 is the format before the present one.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use crate::site::*;
@@ -11,20 +11,32 @@ use std::fs;
 use tirante::site::store::{Reader, shapes};
 
 #[test]
+fn a_store_of_format_4_keeps_its_baselines_and_goes_on() {
+    goes_on(
+        include_bytes!("../fixtures/store-format-4.db.zst"),
+        include_bytes!("../fixtures/store-format-4.jsonl.zst"),
+    );
+}
+
+#[test]
 fn a_store_of_the_version_before_keeps_its_baselines_and_goes_on() {
+    goes_on(
+        include_bytes!("../fixtures/store-format-6.db.zst"),
+        include_bytes!("../fixtures/store-format-6.jsonl.zst"),
+    );
+}
+
+/// Continues a packed store, whose records were `records` as packed JSON lines.
+fn goes_on(store: &[u8], records: &[u8]) {
     let site = Site::new(&SITE.replace("particles = 256", "particles = 64"));
     let unpacked = |packed: &[u8]| zstd::decode_all(packed).unwrap();
-    fs::write(
-        site.path("site.db"),
-        unpacked(include_bytes!("../fixtures/store-format-4.db.zst")),
-    )
-    .unwrap();
+    fs::write(site.path("site.db"), unpacked(store)).unwrap();
     let history = || {
         let output = site.run(&["history", "--store", "site.db", "--format", "json"]);
         assert!(output.status.success(), "{}", text(&output.stderr));
         text(&output.stdout)
     };
-    let written = text(&unpacked(include_bytes!("../fixtures/store-format-4.jsonl.zst")));
+    let written = text(&unpacked(records));
     assert_eq!(history(), written);
 
     let output = site.run(&["check", "--config", "site.toml", "--against", "site.db"]);
@@ -32,7 +44,7 @@ fn a_store_of_the_version_before_keeps_its_baselines_and_goes_on() {
     assert!(output.status.success(), "{told}{}", text(&output.stderr));
     assert_eq!(told.matches("the baseline stays (segment 1").count(), 2, "{told}");
 
-    // A declared rate scales every frequency; where the samples stand changes none. (That version did not hash the rate.)
+    // A declared rate scales every frequency; where the samples stand changes none. (The version of format 4 did not hash the rate.)
     let toml = fs::read_to_string(site.path("site.toml")).unwrap();
     for (from, to, code, said) in [
         (

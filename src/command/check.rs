@@ -2,7 +2,9 @@
 
 use super::progress::Progress;
 use crate::analysis::inference;
+use crate::config::settings::credential::CredentialPath;
 use crate::config::{Config, ConfigError, RodConfig, Setting};
+use crate::service::http::Access;
 use crate::site::baselines::{self, Prospect};
 use crate::site::clock;
 use crate::site::store::Reader;
@@ -11,7 +13,7 @@ use std::process::ExitCode;
 
 /// Check a configuration and report every fault.
 ///
-/// Every fault comes with its key and line (exit code 2). Without a fault the configuration is printed with all
+/// Every fault comes with its key and line (exit code 2), files with secrets that others can read among them. Without a fault the configuration is printed with all
 /// defaults filled in.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -56,7 +58,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 doubt_dates(rod);
             }
             let contradict = config.rods.iter().filter(|rod| !agree(rod, config.seed));
-            if contradict.count() > 0 {
+            let is_contradicted = contradict.count() > 0;
+            if !are_secrets_kept(&config) || is_contradicted {
                 return Ok(ExitCode::from(super::USAGE));
             }
             if !args.quiet {
@@ -66,6 +69,45 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
         Err(error) => Ok(refuse(&error)),
     }
+}
+
+/// True if each file with a secret that is on this machine is one that the daemon will take; says so where it is not.
+fn are_secrets_kept(config: &Config) -> bool {
+    let is_here = |file: &CredentialPath| file.resolved().is_ok_and(|path| path.exists());
+    let mut faults = Vec::new();
+    if config.http.token_file.as_ref().is_some_and(is_here)
+        && let Err(error) = Access::of(&config.http)
+    {
+        faults.push(error.to_string());
+    }
+    for sink in &config.sinks {
+        if let Some(file) = sink.secret().filter(|file| is_here(file))
+            && let Err(error) = file.read_line()
+        {
+            faults.push(format!("sink {}: {error}", sink.id));
+        }
+    }
+    let others = [
+        ("bucket", config.bucket.as_ref().map(|bucket| &bucket.credentials)),
+        (
+            "forward",
+            config
+                .forward
+                .as_ref()
+                .and_then(|forward| forward.nats.credentials.as_ref()),
+        ),
+    ];
+    for (table, file) in others {
+        if let Some(file) = file.filter(|file| is_here(file))
+            && let Err(error) = file.read_private()
+        {
+            faults.push(format!("{table}.credentials: {error}"));
+        }
+    }
+    for fault in &faults {
+        tell!("{fault}");
+    }
+    faults.is_empty()
 }
 
 /// Warns of tests that are still to come: no record can be of their moment.

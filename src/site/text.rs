@@ -2,9 +2,14 @@
 
 use std::borrow::Cow;
 
+/// True for what turns the direction of reading.
+pub fn turns_reading(c: char) -> bool {
+    matches!(c, '\u{200e}' | '\u{200f}' | '\u{061c}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
 /// True for what would move the cursor, colour a terminal, begin a line or turn the direction of reading.
 fn is_odd(c: char) -> bool {
-    c.is_control() || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    c.is_control() || turns_reading(c)
 }
 
 /// A text in which everything can be seen: characters that no line should have are escaped (`\n`, `\u{1b}`).

@@ -188,6 +188,31 @@ fn a_full_stdout_is_exit_1_and_a_full_stderr_loses_nothing() {
 }
 
 #[test]
+fn a_secret_that_others_can_read_is_refused_before_the_daemon_starts() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let token = folder.path().join("token");
+    fs::write(&token, "0123456789abcdef0123\n").unwrap();
+    let sink =
+        "sink=[{ id = \"hook\", kind = \"webhook\", url = \"https://example.org\", token_file = FILE }]";
+    for setting in ["http.token_file=FILE", sink] {
+        let setting = setting.replace("FILE", &format!("{:?}", token.to_str().unwrap()));
+        for (mode, code) in [(0o600, 0), (0o644, 2)] {
+            fs::set_permissions(&token, fs::Permissions::from_mode(mode)).unwrap();
+            let mut command = program(ROOT);
+            command.args(["check", "config/todi.toml", "--quiet", "--set", &setting]);
+            let said = Said::of("check", &mut command).ends(code);
+            assert_eq!(
+                said.err.contains("chmod 600"),
+                code == 2,
+                "{setting}: {}",
+                said.err
+            );
+        }
+    }
+}
+
+#[test]
 fn a_growing_recording_gives_what_the_finished_one_gives() {
     use std::io::Write;
     let folder = tempfile::tempdir().unwrap();

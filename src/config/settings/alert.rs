@@ -70,6 +70,17 @@ impl SinkSettings {
         }
     }
 
+    /// File with the token or password that it logs in with.
+    pub fn secret(&self) -> Option<&CredentialPath> {
+        match &self.kind {
+            SinkKind::Log => None,
+            SinkKind::Webhook(webhook) => webhook.target.token_file.as_ref(),
+            SinkKind::Alertmanager(alertmanager) => alertmanager.target.token_file.as_ref(),
+            SinkKind::Mqtt(mqtt) => mqtt.login.as_ref().map(|login| &login.password_file),
+            SinkKind::Email(email) => email.login.as_ref().map(|login| &login.password_file),
+        }
+    }
+
     /// True if alarms of this kind and rod are delivered.
     pub fn wants(&self, kind: Kind, rod: &RodId) -> bool {
         (self.kinds.is_empty() || self.kinds.contains(&kind))

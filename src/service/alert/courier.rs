@@ -2,7 +2,7 @@
 
 use super::marks::Marks;
 use super::signal::{Place, Signal, Stopped};
-use super::{Backoff, Failure, Message, Pace, Sink};
+use super::{Backoff, Failure, Message, Pace, Sink, damping};
 use crate::analysis::numerics::random;
 use crate::analysis::track::alarm;
 use crate::config::settings::alert::SinkSettings;
@@ -78,8 +78,8 @@ pub(super) struct Courier {
     /// Alarms active when the sink was added that it still has to get; `None` until they were looked up.
     standing: Option<VecDeque<Message>>,
     refreshed: Option<Instant>,
-    /// Time since which messages are gathered to be sent together.
-    gathering: Option<Instant>,
+    /// Time since which messages are gathered to be sent together, and for how long.
+    gathering: Option<(Instant, Duration)>,
     /// True until all that waited at the start was sent: it is not gathered further, or a daemon that never lives long would
     /// never send it.
     is_starting: bool,
@@ -152,9 +152,8 @@ impl Courier {
     }
 
     fn until_next_look(&self) -> Duration {
-        if let Some(since) = self.gathering {
-            let left = self.sink.gathers_for().saturating_sub(since.elapsed());
-            return left.min(LOOK_EVERY);
+        if let Some((since, wait)) = self.gathering {
+            return wait.saturating_sub(since.elapsed()).min(LOOK_EVERY);
         }
         match (self.sink.refresh_every(), self.refreshed) {
             (Some(every), Some(refreshed)) => every.saturating_sub(refreshed.elapsed()).min(LOOK_EVERY),
@@ -224,11 +223,9 @@ impl Courier {
             if !self.sink.gathers_for().is_zero() {
                 let wants = |news: &&News| self.errand.settings.wants(news.event.alarm.kind, &news.rod);
                 let wanted = news.iter().filter(wants);
-                let together: Vec<Message> = wanted
-                    .map(|news| Message::of_news(&self.errand.site, news))
-                    .collect();
+                let (together, wait) = self.together(reader, wanted)?;
                 let is_full = news.len() == BATCH;
-                if !together.is_empty() && !self.send_together(&together, is_full)? {
+                if !together.is_empty() && !self.send_together(&together, wait, is_full)? {
                     break;
                 }
                 place.through = last;
@@ -255,10 +252,32 @@ impl Courier {
         self.refresh(reader)
     }
 
-    /// Sends messages together once they were gathered for long enough, or `is_due`; returns false before.
-    fn send_together(&mut self, messages: &[Message], is_due: bool) -> Result<bool, Trouble> {
-        let since = *self.gathering.get_or_insert_with(Instant::now);
-        if since.elapsed() < self.sink.gathers_for() && !is_due && !self.is_starting {
+    /// Messages of events, and the time for which they are gathered: that of the one which may wait least.
+    fn together<'a>(
+        &self,
+        reader: &Reader,
+        events: impl Iterator<Item = &'a News>,
+    ) -> Result<(Vec<Message>, Duration), StoreError> {
+        let mut messages = Vec::new();
+        let mut wait = Duration::MAX;
+        for news in events {
+            let raises = damping::raises(reader, news)?;
+            wait = wait.min(damping::wait(self.sink.gathers_for(), raises));
+            let mut message = Message::of_news(&self.errand.site, news);
+            message.message.extend(damping::remark(raises));
+            messages.push(message);
+        }
+        Ok((messages, wait))
+    }
+
+    /// Sends messages together once they were gathered for `wait`, or `is_due`; returns false before.
+    fn send_together(&mut self, messages: &[Message], wait: Duration, is_due: bool) -> Result<bool, Trouble> {
+        // One that may wait less begins the time anew, so that what comes with it is in the same mail.
+        let (since, wait) = match self.gathering {
+            Some(gathering) if gathering.1 <= wait => gathering,
+            _ => *self.gathering.insert((Instant::now(), wait)),
+        };
+        if since.elapsed() < wait && !is_due && !self.is_starting {
             return Ok(false);
         }
         guarded(|| self.sink.deliver_all(messages))?;

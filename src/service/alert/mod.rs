@@ -9,6 +9,7 @@ pub mod backoff;
 mod conditions;
 mod courier;
 mod couriers;
+mod damping;
 mod digest;
 mod email;
 mod heartbeat;

@@ -1,5 +1,6 @@
 //! Output of the log: plain lines on stderr, JSON lines, or the systemd journal with its fields.
 
+use crate::site::text::turns_reading;
 use clap::ValueEnum;
 use std::env;
 use std::io::{self, IsTerminal};
@@ -83,12 +84,13 @@ pub fn start(format: Option<Format>, filter: EnvFilter, is_daemon: bool) {
 }
 
 /// Stderr, to which each event is written at once as one line: an inner end of a line is followed by a margin, so that no name of
-/// a file and no words of a person can look like a line of the log. (Escape sequences are escaped by the formatter.)
+/// a file and no words of a person can look like a line of the log, nor turn the direction in which it is read. (Escape sequences are escaped by the
+/// formatter.)
 struct Lines;
 
 impl io::Write for Lines {
     fn write(&mut self, event: &[u8]) -> io::Result<usize> {
-        io::stderr().write_all(&with_margin(event))?;
+        io::stderr().write_all(with_margin(event).as_bytes())?;
         Ok(event.len())
     }
 
@@ -97,21 +99,23 @@ impl io::Write for Lines {
     }
 }
 
-fn with_margin(event: &[u8]) -> Vec<u8> {
-    let (inner, end) = match event.split_last() {
-        Some((b'\n', inner)) => (inner, &b"\n"[..]),
-        _ => (event, &b""[..]),
+fn with_margin(event: &[u8]) -> String {
+    let event = String::from_utf8_lossy(event);
+    let (inner, end) = match event.strip_suffix('\n') {
+        Some(inner) => (inner, "\n"),
+        None => (&*event, ""),
     };
-    let mut out = Vec::with_capacity(event.len());
-    for byte in inner {
-        match byte {
-            b'\n' => out.extend(b"\n    "),
-            b'\r' => out.extend(b"\\r"),
-            byte => out.push(*byte),
+    let mut out = String::with_capacity(event.len());
+    for c in inner.chars() {
+        match c {
+            '\n' => out += "\n    ",
+            '\r' => out += "\\r",
+            // As JSON has it, so that a JSON line stays one.
+            c if turns_reading(c) => out += &format!("\\u{:04x}", u32::from(c)),
+            c => out.push(c),
         }
     }
-    out.extend(end);
-    out
+    out + end
 }
 
 type Boxed = Box<dyn Layer<Registry> + Send + Sync>;
@@ -170,9 +174,14 @@ mod tests {
     fn no_words_look_like_a_line_of_the_log() {
         let forged = b"2026 INFO x\n2026 ERROR forged.mcap\r2026 is read\n";
         assert_eq!(
-            String::from_utf8(with_margin(forged)).unwrap(),
+            with_margin(forged),
             "2026 INFO x\n    2026 ERROR forged.mcap\\r2026 is read\n"
         );
-        assert_eq!(with_margin(b""), b"");
+        assert_eq!(with_margin(b""), "");
+        let turned = "{\"path\":\"nave\u{202e}pacm.exe\"}\n";
+        assert_eq!(
+            with_margin(turned.as_bytes()),
+            "{\"path\":\"nave\\u202epacm.exe\"}\n"
+        );
     }
 }

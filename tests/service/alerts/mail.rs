@@ -212,6 +212,41 @@ fn forty_alarms_of_a_minute_are_one_mail_and_a_single_one_is_as_before() {
 }
 
 #[test]
+fn a_sensor_that_comes_and_goes_waits_with_its_like_and_never_with_a_word_about_the_force() {
+    let desk = Desk::new();
+    let Some(server) = Mailer::start(&desk, "plain", 0) else {
+        return;
+    };
+    let text = server.sink(&desk, "smtp", "\"a@example.org\"", "group_s = 3\n");
+    let couriers = desk.start(&sinks(&text));
+    eventually("the sink is known", || desk.delivered("mail") == Some(0));
+    let subjects = || -> Vec<String> {
+        let of = |mail: &Value| mail["subject"].as_str().unwrap().to_owned();
+        server.mails().iter().map(of).collect()
+    };
+    // Heard for minutes each hour: the first two are told as they come, the third would wait for 12 s.
+    for hour in 0..8 {
+        desk.tell("nave-1", Kind::NoData, hour, What::Raised);
+        couriers.wake();
+        if hour < 2 {
+            let told = hour as i64 + 1;
+            eventually("it is told", || desk.delivered("mail") == Some(told));
+        }
+    }
+    assert_eq!(subjects(), vec!["Duomo, rod nave-1: no-data raised"; 2]);
+    desk.tell("north", Kind::Limit, 4, What::Raised);
+    couriers.wake();
+    eventually("all are told", || desk.delivered("mail") == Some(9));
+    couriers.stop();
+    assert_eq!(
+        subjects().last().unwrap(),
+        "Duomo: 7 messages: 1 limit raised, 6 no-data raised"
+    );
+    let body = server.mails()[2]["body"].as_str().unwrap().to_owned();
+    assert!(body.contains("number 8 within a day"), "{body}");
+}
+
+#[test]
 fn a_centre_puts_the_alarms_of_its_sites_into_one_mail_by_site() {
     let desk = Desk::new();
     let Some(server) = Mailer::start(&desk, "plain", 0) else {

@@ -121,8 +121,23 @@ fn a_near_end_is_told_and_a_new_certificate_taken_at_once() {
         port.warns("new certificates").is_none() && port.warns(&about).is_none()
     });
     assert!(ends()["certificate"] > before + 400 * 86_400);
+
+    // One that every sender would turn away is not taken either.
+    let of_client = port.authority.write_of_client(port.folder.path(), "of-client");
+    fs::copy(&of_client[1], port.path("daemon.pem")).unwrap();
+    fs::copy(&of_client[2], port.path("daemon.key")).unwrap();
+    wait_for("its use is a condition", || {
+        port.warns("new certificates")
+            .is_some_and(|detail| detail.contains("server authentication"))
+    });
     assert!(port.send(&client, &[]).status.success());
-    assert_eq!(port.daemon.ledger.streams().len(), 3);
+    fs::copy(&new[1], port.path("daemon.pem")).unwrap();
+    fs::copy(&new[2], port.path("daemon.key")).unwrap();
+    wait_for("the one before is taken", || {
+        port.warns("new certificates").is_none()
+    });
+    assert!(port.send(&client, &[]).status.success());
+    assert_eq!(port.daemon.ledger.streams().len(), 4);
 
     // A key that everybody can read is told too.
     fs::set_permissions(port.path("daemon.key"), Permissions::from_mode(0o644)).unwrap();

@@ -97,7 +97,7 @@ impl Daemon {
         daemon
     }
 
-    fn log(&self) -> String {
+    pub(crate) fn log(&self) -> String {
         fs::read_to_string(&self.log).unwrap_or_default()
     }
 
@@ -109,7 +109,7 @@ impl Daemon {
             .count()
     }
 
-    fn wait(&mut self, what: &str, is_so: impl Fn(&Self) -> bool) {
+    pub(crate) fn wait(&mut self, what: &str, is_so: impl Fn(&Self) -> bool) {
         let until = Instant::now() + DEADLINE;
         while !is_so(self) {
             assert!(Instant::now() < until, "not so: {what}\n{}", self.log());
@@ -139,7 +139,7 @@ impl Daemon {
         body.to_owned()
     }
 
-    fn health(&self) -> Value {
+    pub(crate) fn health(&self) -> Value {
         serde_json::from_str(&self.get("/healthz")).unwrap()
     }
 
@@ -148,7 +148,7 @@ impl Daemon {
     }
 
     /// Conditions of a kind of fault.
-    fn conditions(&self, kind: &str) -> usize {
+    pub(crate) fn conditions(&self, kind: &str) -> usize {
         let health = self.health();
         let conditions = health["conditions"].as_array().unwrap();
         conditions.iter().filter(|one| one["fault"] == kind).count()
@@ -163,7 +163,7 @@ impl Daemon {
 
     /// Waits until the fault has been counted so often and health shows it; the log must have at most one
     /// line of it a minute.
-    fn expect(&mut self, kind: &str, count: f64, state: &str) {
+    pub(crate) fn expect(&mut self, kind: &str, count: f64, state: &str) {
         self.wait(&format!("{kind} is counted"), |daemon| {
             daemon.count(kind) >= count
         });
@@ -923,11 +923,11 @@ fn a_part_goes_by_what_the_store_on_disk_says_and_not_by_a_clock_that_jumped() {
 }
 
 /// A file system of 32 MB, gone when it is dropped.
-struct SmallDisk(PathBuf);
+pub(crate) struct SmallDisk(PathBuf);
 
 impl SmallDisk {
     /// Mounts one; `None` where that is not allowed.
-    fn mount(path: PathBuf) -> Option<Self> {
+    pub(crate) fn mount(path: PathBuf) -> Option<Self> {
         fs::create_dir(&path).unwrap();
         let mount = Command::new("mount")
             .args(["-t", "tmpfs", "-o", "size=32m", "tmpfs"])

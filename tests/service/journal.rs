@@ -15,7 +15,7 @@ use tirante::analysis::signal::record::{
 };
 use tirante::config::settings::journal::JournalSettings;
 use tirante::recording::part;
-use tirante::recording::read::{self, Recordings, Step};
+use tirante::recording::read::{self, Recordings, Source, Step};
 use tirante::recording::write::{Encoding, Layout, RecordingWriter, WriterOptions};
 use tirante::service::journal::retention::Kept;
 use tirante::service::journal::{Around, Batch, Closed, End, Entry, Handle, Journal, JournalError, Line};
@@ -572,6 +572,57 @@ fn a_missing_part_is_told_and_records_end_there() {
             .any(|fault| fault.contains("journal.000002.mcap, is missing")),
         "{faults:?}"
     );
+}
+
+/// The reader of a journal under way has read the first part when the second goes and others are begun.
+#[test]
+fn a_part_removed_before_it_was_read_does_not_hold_up_the_ones_behind() {
+    let sent = sent(&measured(20_000));
+    let folder = tempfile::tempdir().unwrap();
+    let (journal, _) = start(folder.path());
+    block_on(async {
+        let mut line = journal.handle().connect(Some("laser")).await.unwrap();
+        for from in [0, 100, 200, 300] {
+            send(&mut line, &sent, from, from + 100, 10).await.unwrap();
+            journal.handle().rotate();
+        }
+        line.end(End::Complete).await.unwrap();
+    });
+    journal.stop();
+    let aside = tempfile::tempdir().unwrap();
+    let later = part::list(folder.path()).unwrap().split_off(1);
+    for part in &later {
+        fs::rename(part::path(folder.path(), *part), part::path(aside.path(), *part)).unwrap();
+    }
+    let mut series = read::Series::new(
+        folder.path(),
+        read::Parts::From(1),
+        &laser(),
+        &RecordSettings::default(),
+    );
+    let read_on = |series: &mut read::Series| {
+        let mut ended = Vec::new();
+        loop {
+            match series.poll() {
+                Step::File(end) => ended.push(end.part),
+                Step::Wait => return ended,
+                Step::Event(..) | Step::More => {}
+                Step::End => panic!("a journal under way does not end"),
+            }
+        }
+    };
+    assert!(read_on(&mut series).is_empty());
+    for part in &later[1..] {
+        fs::rename(part::path(aside.path(), *part), part::path(folder.path(), *part)).unwrap();
+    }
+    let ended = read_on(&mut series);
+    assert_eq!(ended, [&[1], &later[1..later.len() - 1]].concat(), "{later:?}");
+    let (part, told) = series.take_lost().unwrap();
+    assert!(
+        part == part::file_name(2) && told.contains("is missing"),
+        "{told}"
+    );
+    assert!(series.take_lost().is_none());
 }
 
 #[test]

@@ -34,4 +34,5 @@ mod protocol;
 mod send;
 mod sheet;
 mod sockets;
+mod taken_away;
 mod viewer;

@@ -78,6 +78,14 @@ impl Authority {
         self.signed(params, &key, folder, name)
     }
 
+    /// The same for a certificate of clients alone.
+    pub fn write_of_client(&self, folder: &std::path::Path, name: &str) -> [std::path::PathBuf; 3] {
+        let key = rcgen::KeyPair::generate().unwrap();
+        let mut params = rcgen::CertificateParams::new(vec!["127.0.0.1".to_owned()]).unwrap();
+        params.extended_key_usages = vec![rcgen::ExtendedKeyUsagePurpose::ClientAuth];
+        self.signed(params, &key, folder, name)
+    }
+
     fn signed(
         &self,
         params: rcgen::CertificateParams,

@@ -383,6 +383,12 @@ impl Router {
         }
     }
 
+    /// Topics so far.
+    pub fn topics(&self) -> impl Iterator<Item = (&str, &TopicSummary)> {
+        let topics = self.topics.iter();
+        topics.map(|topic| (topic.name.as_str(), &topic.summary))
+    }
+
     /// Number of messages of all topics.
     pub fn messages(&self) -> u64 {
         self.topics.iter().map(|topic| topic.summary.messages).sum()

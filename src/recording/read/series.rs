@@ -8,7 +8,7 @@ use super::in_order::InOrder;
 use super::mcap::{Damage, Progress, Reader};
 use super::route::{Listener, Router, Timed};
 use super::source::{Source, Step};
-use super::{Place, SourceError, Summary, carry};
+use super::{Place, SourceError, Summary, TopicSummary, carry};
 use crate::analysis::signal::record::{Event, RecordSettings, RodChannels};
 use crate::analysis::track::ordered::Reached;
 use crate::recording::part;
@@ -52,9 +52,11 @@ pub struct Series {
     live: bool,
     router: Router,
     queue: VecDeque<Timed>,
-    /// Parts to read; for a live journal, those present when reading began.
+    /// Parts to read; empty for a live journal.
     listed: Vec<u32>,
     open: Option<Open>,
+    /// Part that was found missing, and the sentence about it, until it is asked for.
+    lost: Option<(String, String)>,
     /// Number of the part read before, and of the next one.
     before: Option<u32>,
     next: Option<u32>,
@@ -82,8 +84,7 @@ impl Series {
     pub fn new(folder: &Path, parts: Parts, channels: &[RodChannels], settings: &RecordSettings) -> Self {
         let (live, next, listed) = match parts {
             Parts::Given(parts) => (false, parts.first().copied(), parts),
-            // A folder that cannot be read has no parts yet: `later` looks again.
-            Parts::From(first) => (true, Some(first), part::list(folder).unwrap_or_default()),
+            Parts::From(first) => (true, Some(first), Vec::new()),
         };
         Self {
             folder: folder.to_owned(),
@@ -94,6 +95,7 @@ impl Series {
             queue: VecDeque::new(),
             listed,
             open: None,
+            lost: None,
             before: None,
             next,
         }
@@ -161,6 +163,16 @@ impl Series {
         (open.ended && open.damage.is_some()).then_some(open.number)
     }
 
+    /// File name of a part that was found missing since the last call, and a sentence about it.
+    pub fn take_lost(&mut self) -> Option<(String, String)> {
+        self.lost.take()
+    }
+
+    /// Topics of the part that is read, as far as it is.
+    pub fn topics(&self) -> impl Iterator<Item = (&str, &TopicSummary)> {
+        self.router.topics()
+    }
+
     /// Number of bytes read of the open part.
     pub fn bytes_read(&self) -> u64 {
         self.open.as_ref().map_or(0, |open| open.read())
@@ -214,9 +226,22 @@ impl Series {
     fn later(&self, number: u32) -> Option<u32> {
         let next = number.checked_add(1)?;
         let is_there = |part: &u32| part::path(&self.folder, *part).is_file();
-        let listed = self.listed.iter().copied().filter(|part| *part > number);
-        let next = Some(next).filter(|_| self.live);
-        next.into_iter().chain(listed).find(is_there)
+        let after = |parts: &[u32]| {
+            parts
+                .iter()
+                .copied()
+                .find(|part| *part > number && is_there(part))
+        };
+        if !self.live {
+            return after(&self.listed);
+        }
+        if is_there(&next) {
+            return Some(next);
+        }
+        // It may have been removed before it was read, while others were begun. A folder that cannot be read has none.
+        let later = after(&part::list(&self.folder).unwrap_or_default())?;
+        // It may have been begun since it was looked for.
+        Some(if is_there(&next) { next } else { later })
     }
 
     fn open_next(&mut self) -> Step<Box<PartEnd>> {
@@ -242,10 +267,12 @@ impl Series {
         open.successor = self.later(number);
         if let Some(before) = missing {
             let name = part::file_name(before.saturating_add(1));
-            open.damage = Some(format!(
+            let damage = format!(
                 "{}: the part before it, {name}, is missing; records that were open end there",
                 open.name
-            ));
+            );
+            self.lost = Some((name, damage.clone()));
+            open.damage = Some(damage);
             self.router.finish(true, None, &mut self.queue);
             self.begin_anew();
         }

@@ -26,6 +26,7 @@ pub mod steps;
 pub mod supervision;
 pub mod trial;
 mod unread;
+mod useless;
 mod vigil;
 mod wall_clock;
 
@@ -369,7 +370,10 @@ fn keep_old(options: &Options, health: &Health, error: &anyhow::Error) {
             "the new configuration would drop a baseline, the old one holds: {}; `tirante check --against STORE` lists every change",
             refused.brief()
         ),
-        _ => "the new configuration is bad, the old one holds; `tirante check` lists its faults".to_owned(),
+        _ if error.is::<ConfigError>() => {
+            "the new configuration is bad, the old one holds; `tirante check` lists its faults".to_owned()
+        }
+        _ => format!("the new configuration cannot be taken, the old one holds: {error:#}"),
     };
     if health.lasts(Fault::Reload, &about(options)) {
         health.fault(Fault::Reload, &what);

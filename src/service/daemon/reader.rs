@@ -8,6 +8,7 @@ pub use super::remembered::{JOURNAL, Remembered};
 use super::steps::Guard;
 use super::supervision::{Standing, Watch};
 use super::trial::Input;
+use super::useless::Useless;
 use crate::analysis::signal::record::{Event, RodChannels};
 use crate::recording::part;
 use crate::recording::read::Place;
@@ -158,6 +159,8 @@ struct Work {
     folder: Option<Folder>,
     journal: Option<JournalLane>,
     generation: Arc<Generation>,
+    /// Topics read so far that gave no sample.
+    useless: Useless,
     /// Configuration that takes effect with the next part of the journal.
     waiting: Option<Arc<Generation>>,
     /// Time of the last event sent, and of the last report that there is no more to read.
@@ -235,6 +238,7 @@ impl Work {
             folder,
             journal,
             generation,
+            useless: Useless::default(),
             waiting: None,
             last_event: None,
             last_look: None,
@@ -364,6 +368,13 @@ impl Work {
             Step::More => {}
             Step::Event(event, place) => self.send_event(event, place)?,
             Step::File(FolderEnd { files, kept }) => {
+                for (_, result) in &files {
+                    if let Ok(summary) = result {
+                        let topics = summary.topics.iter();
+                        let topics = topics.map(|(name, topic)| (name.as_str(), topic));
+                        self.useless.look(&self.around.health, topics);
+                    }
+                }
                 let (marks, results) = files.into_iter().unzip();
                 self.send(Job::Files {
                     marks,
@@ -384,12 +395,17 @@ impl Work {
         let step = lane
             .guard
             .poll(&mut lane.series, &lane.input, &mut *around.watch, &around.health);
+        // What was acknowledged is gone: told until the next start.
+        if let Some((part, detail)) = lane.series.take_lost() {
+            around.health.hold(Fault::Recording, &part, detail);
+        }
         match step {
             Step::Event(event, place) => self.send_event(event, place)?,
             Step::More => {}
             Step::File(end) => self.end_part(*end)?,
             Step::Wait => {
                 lane.is_read = true;
+                self.useless.look(&around.health, lane.series.topics());
                 let stuck = lane.series.stuck_in();
                 if stuck > lane.rotated {
                     lane.handle.rotate();

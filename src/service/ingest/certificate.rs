@@ -61,6 +61,8 @@ pub(crate) struct Facts {
     pub names: Vec<String>,
     /// Time for which it is valid.
     pub valid: Validity,
+    /// False if its extended key usage is given and has no server authentication: every client would turn away.
+    pub may_serve: bool,
 }
 
 impl Facts {
@@ -89,8 +91,10 @@ impl Facts {
                     }),
             );
         }
+        let usage = parsed.extended_key_usage().ok().flatten();
         Ok(Self {
             names,
+            may_serve: usage.is_none_or(|usage| usage.value.any || usage.value.server_auth),
             valid: Validity {
                 begins_s: parsed.validity().not_before.timestamp(),
                 ends_s: parsed.validity().not_after.timestamp(),

@@ -22,6 +22,7 @@ mod queue;
 pub mod reply;
 pub mod server;
 mod shares;
+mod socket_file;
 mod stream;
 pub(crate) mod tls;
 mod writer;

@@ -8,6 +8,7 @@ use super::intake::Intake;
 use super::listener::{ListenError, Listener};
 use super::reply::Reply;
 use super::shares::Shares;
+use super::socket_file::SocketFile;
 use super::tls::Identity;
 use crate::config::RodConfig;
 use crate::config::settings::ingest::IngestSettings;
@@ -133,7 +134,8 @@ pub async fn serve<I: Intake>(
             source,
         })?;
         tracing::info!("listening at {address}");
-        doors.spawn(attend(door, address, Arc::clone(&shared), stop.clone()));
+        let file = SocketFile::of(&door);
+        doors.spawn(attend((door, file), address, Arc::clone(&shared), stop.clone()));
     }
     let closed = async {
         while let Some(ended) = doors.join_next().await {
@@ -161,13 +163,13 @@ async fn look_after<I: Intake>(shared: &Server<I>) {
 pub(super) trait Socket: AsyncRead + AsyncWrite + Send + Unpin {}
 impl<T: AsyncRead + AsyncWrite + Send + Unpin> Socket for T {}
 
-enum Door {
+pub(super) enum Door {
     Tcp(TcpListener),
     Unix(UnixListener),
 }
 
 impl Door {
-    fn new(listener: Listener) -> io::Result<Self> {
+    pub(super) fn new(listener: Listener) -> io::Result<Self> {
         match listener {
             Listener::Tcp(listener) => {
                 listener.set_nonblocking(true)?;
@@ -195,7 +197,7 @@ impl Door {
 
 /// Admits clients at one listener.
 async fn attend<I: Intake>(
-    door: Door,
+    (mut door, mut file): (Door, Option<SocketFile>),
     address: String,
     shared: Arc<Server<I>>,
     mut stop: watch::Receiver<bool>,
@@ -211,6 +213,11 @@ async fn attend<I: Intake>(
                 continue;
             }
             accepted = door.accept() => accepted,
+            () = sleep(LOOK), if file.is_some() => {
+                let renewed = file.as_mut().and_then(|file| file.look(&address, &shared.health));
+                door = renewed.unwrap_or(door);
+                continue;
+            }
         };
         let (socket, peer) = match accepted {
             Ok(accepted) => accepted,

@@ -181,6 +181,13 @@ fn read(settings: &TlsSettings) -> Result<Present, ListenError> {
     let authorities = certificates(&settings.client_ca).map_err(of_authority)?;
     // A chain is valid while all its links are; of several authorities one is enough while they are exchanged.
     let of_links = validities(&chain).map_err(of_chain)?;
+    let own = chain.first().map(Facts::of).transpose().map_err(of_chain)?;
+    if own.is_some_and(|own| !own.may_serve) {
+        return Err(of_chain(
+            "its extended key usage has no server authentication, so that every sender would turn away: have one issued for servers"
+                .to_owned(),
+        ));
+    }
     let of_authorities = validities(&authorities).map_err(of_authority)?;
     let chain_valid = Validity {
         begins_s: of_links

@@ -38,7 +38,7 @@ pub enum Fault {
     Reload,
     /// A watched folder cannot be read.
     Folder,
-    /// Messages come on a topic of no rod, while a rod gets none.
+    /// Messages come on a topic of no rod, while a rod gets none; or none of a rod's topic gives a sample.
     Topic,
     /// A sensor of a rod with several is left out of its records, or nothing comes of a rod's thermometer.
     LeftOut,
@@ -146,7 +146,7 @@ impl Fault {
             Self::Reload => "a new configuration is bad: the old one holds",
             Self::Folder => "a watched folder cannot be read",
             Self::Topic => {
-                "a topic comes that belongs to no rod, while nothing comes of a rod or of one of its sensors"
+                "a topic comes that belongs to no rod, while nothing comes of a rod or of one of its sensors; or whose messages give no samples"
             }
             Self::LeftOut => {
                 "a sensor of a rod with several is left out of its records, or nothing comes of a rod's thermometer"

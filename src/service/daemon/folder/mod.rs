@@ -40,6 +40,8 @@ const RETRY: Duration = Duration::from_secs(60);
 /// The watched folder.
 pub(super) struct Folder {
     path: Arc<Path>,
+    /// True if another file system was mounted there since the start.
+    was_mount: bool,
     has_subfolders: bool,
     settle: Duration,
     channels: Vec<RodChannels>,
@@ -118,6 +120,7 @@ impl Folder {
         let (joins, ended) = Joins::new(&remembered.open, channels, settings, join, Arc::clone(&health));
         let mut folder = Self {
             path: path.into(),
+            was_mount: false,
             has_subfolders,
             settle,
             channels: channels.to_vec(),

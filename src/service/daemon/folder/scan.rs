@@ -27,6 +27,12 @@ const MOST_GROWING: usize = 64;
 /// Subject of the condition that there are more.
 const GROWING: &str = "growing recordings";
 
+/// True if another file system is mounted at a folder.
+fn is_mount(folder: &Path) -> bool {
+    let device = |path: &Path| path.metadata().ok().map(|data| data.dev());
+    device(folder).is_some_and(|own| device(&folder.join("..")).is_some_and(|above| above != own))
+}
+
 impl Folder {
     /// Scans the folder if it is time to.
     pub(super) fn scan_if_due(&mut self, stop: &AtomicBool, beat: &Beat) {
@@ -39,8 +45,19 @@ impl Folder {
         self.next_scan = Instant::now() + SCAN_EVERY.max(SCAN_SHARE * began.elapsed());
     }
 
-    /// Looks for files that are new or changed.
+    /// Looks for files that are new or changed. Under a mount that is gone lies another folder, and what was in it may come back.
     fn scan(&mut self, stop: &AtomicBool, beat: &Beat) {
+        let about = format!("mount {}", self.path.display());
+        if !is_mount(&self.path) && self.was_mount {
+            let detail = format!(
+                "{}: nothing is mounted there any more, and nothing is read: mount it again, or restart the daemon if it is to be \
+                 a folder of this disk",
+                self.path.display()
+            );
+            return self.health.hold(Fault::Folder, &about, detail);
+        }
+        self.was_mount |= is_mount(&self.path);
+        self.health.over(Fault::Folder, &about);
         let mut there = BTreeSet::new();
         self.crowded = 0;
         let mut links = BTreeSet::new();

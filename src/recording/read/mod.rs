@@ -40,7 +40,7 @@ pub use self::path::FieldPath;
 pub use self::place::Place;
 pub use self::recording::{Block, Follow, Options, Position, Recording};
 pub use self::recordings::{Opener, Recordings};
-pub use self::route::{HELD, Listener};
+pub use self::route::{HELD, Listener, MOST_READY};
 pub use self::series::{PartEnd, Parts, Series};
 pub use self::source::{Source, Step};
 pub use self::stream::{Member, Stream};

@@ -360,6 +360,11 @@ impl Recording {
         !self.queue.is_empty()
     }
 
+    /// Bytes of samples in events that wait to be taken.
+    pub fn ready_bytes(&self) -> usize {
+        Timed::bytes(&self.queue)
+    }
+
     /// Log time up to which its messages were passed on \[ns\]; `None` before the first, and where they have
     /// none.
     pub fn front(&self) -> Option<u64> {
@@ -403,17 +408,12 @@ impl Recording {
 
     /// Bytes in memory: samples not yet in a record, records not yet taken, and data read but not passed on.
     pub fn held(&self) -> usize {
-        let ready = self.queue.iter().map(|timed| 8 * timed.event.samples());
         let reading = match &self.stage {
             Stage::Reading(file) => file.held(),
             Stage::Given(_) | Stage::Ended => 0,
         };
         let before = self.router.before().iter().map(Tail::held);
-        self.router.held()
-            + self.router.ahead_bytes()
-            + reading
-            + ready.sum::<usize>()
-            + before.sum::<usize>()
+        self.router.held() + self.router.ahead_bytes() + reading + self.ready_bytes() + before.sum::<usize>()
     }
 
     /// Sets the bytes of samples beyond which records end early.

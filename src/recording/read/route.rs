@@ -35,6 +35,8 @@ use std::sync::Arc;
 /// Most bytes of all rods' samples that are not yet in a record, if nothing else is said; beyond, the longest
 /// stretch becomes a record.
 pub const HELD: usize = 96 << 20;
+/// Most bytes of samples in events of a source that wait to be taken before its next message, or another source, is read.
+pub const MOST_READY: usize = 8 << 20;
 /// Capacity of the sample buffer kept between two messages \[samples\].
 const SCRATCH: usize = 1 << 17;
 
@@ -60,6 +62,8 @@ pub(super) struct Router {
     pub(super) file: Option<Arc<str>>,
     /// Events not yet taken.
     ready: VecDeque<Timed>,
+    /// True if they are so many that the next message waits until they are taken.
+    is_full: bool,
     /// Contents of the file per rod.
     counts: Vec<Count>,
     /// True if a record ends with its file.
@@ -170,6 +174,7 @@ impl Router {
             journal: None,
             file: None,
             ready: VecDeque::new(),
+            is_full: false,
         }
     }
 
@@ -412,6 +417,7 @@ impl Router {
     /// Moves the events so far to `to`.
     pub fn events(&mut self, to: &mut impl Extend<Timed>) {
         to.extend(self.ready.drain(..));
+        self.is_full = false;
     }
 
     /// Collects the rods' events; with `all`, none waits for another sensor any more.
@@ -449,6 +455,7 @@ impl Router {
             });
         }
         self.ready.extend(timed.into_iter().rev());
+        self.is_full = Timed::bytes(&self.ready) > MOST_READY;
     }
 
     /// Times up to which each rod has been read.

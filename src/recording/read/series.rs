@@ -157,6 +157,16 @@ impl Series {
         self.router.held() + self.router.ahead_bytes()
     }
 
+    /// Sets the bytes of samples beyond which records end early.
+    pub fn bound(&mut self, most: usize) {
+        self.router.bound(most);
+    }
+
+    /// Bytes of samples in events that wait to be taken.
+    pub fn ready_bytes(&self) -> usize {
+        Timed::bytes(&self.queue)
+    }
+
     /// Number of the current part, if no more of it can be read: only another part brings data again.
     pub fn stuck_in(&self) -> Option<u32> {
         let open = self.open.as_ref()?;

@@ -12,7 +12,7 @@ use super::useless::Useless;
 use crate::analysis::signal::record::{Event, RodChannels};
 use crate::recording::part;
 use crate::recording::read::Place;
-use crate::recording::read::{PartEnd, Series, Step};
+use crate::recording::read::{HELD, MOST_READY, PartEnd, Series, Step};
 use crate::service::journal::{self, Bell};
 use crate::service::telemetry::{Beat, Fault, Health};
 use crate::service::viewer::Signals;
@@ -33,6 +33,8 @@ const POLL: Duration = Duration::from_millis(200);
 /// does.
 const LOOK: Duration = Duration::from_millis(100);
 const LOOK_FOR: Duration = Duration::from_secs(3);
+/// Room for the samples of the journal, whatever the watched folder holds \[bytes\]: live data goes before.
+const JOURNAL_ROOM: usize = HELD / 2;
 /// Pause before a full queue is tried again.
 const PUSH_BACK: Duration = Duration::from_millis(2);
 
@@ -282,10 +284,16 @@ impl Work {
         }
         // Of what came while nothing read, the older comes first, wherever it lies: what is younger closes its periods.
         let has_turn = |folder: &Folder| !folder.catches_up() || self.journal_at() < folder.at();
-        let journal_has_turn = self.folder.as_ref().is_none_or(has_turn);
+        let folder_goes_on = self
+            .folder
+            .as_ref()
+            .is_some_and(|folder| folder.ready_bytes() > MOST_READY);
+        let journal_has_turn =
+            !folder_goes_on && (self.journal_goes_on() || self.folder.as_ref().is_none_or(has_turn));
         let journal_had_some = journal_has_turn && self.journal_turn()?;
         let is_live = self.folder.as_ref().is_none_or(|folder| !folder.catches_up());
-        let folder_had_some = (is_live || !journal_had_some) && self.folder_turn()?;
+        let folder_has_turn = folder_goes_on || (!self.journal_goes_on() && (is_live || !journal_had_some));
+        let folder_had_some = folder_has_turn && self.folder_turn()?;
         let folder_is_read = self.folder.as_ref().is_none_or(|folder| !folder.has_backlog());
         let journal_is_read = self.journal.as_ref().is_none_or(|lane| lane.is_read);
         self.around
@@ -341,6 +349,12 @@ impl Work {
         }
     }
 
+    /// True if so many events of the journal wait to be taken that nothing else is read meanwhile.
+    fn journal_goes_on(&self) -> bool {
+        let lane = self.journal.as_ref();
+        lane.is_some_and(|lane| lane.series.ready_bytes() > MOST_READY)
+    }
+
     /// Log time up to which the journal is read \[ns since 1970\].
     fn journal_at(&self) -> u64 {
         let lane = self.journal.as_ref();
@@ -392,6 +406,8 @@ impl Work {
             return Ok(false);
         };
         let around = &mut self.around;
+        let beside = self.folder.as_ref().map_or(0, Folder::held);
+        lane.series.bound(HELD.saturating_sub(beside).max(JOURNAL_ROOM));
         let step = lane
             .guard
             .poll(&mut lane.series, &lane.input, &mut *around.watch, &around.health);

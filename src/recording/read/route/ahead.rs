@@ -1,4 +1,5 @@
-//! Messages that wait: for those of other files, where several are read side by side, or for the rest of a large one.
+//! Messages that wait: for those of other files, where several are read side by side, for the rest of a large one, or until the
+//! records before them are taken.
 
 use super::Router;
 use crate::recording::read::decode::PIECE;
@@ -50,7 +51,7 @@ impl Router {
     #[inline]
     pub(super) fn in_turn(&mut self, message: Message<'_>) {
         let ahead = &mut self.ahead;
-        if ahead.limit.is_none() && ahead.waiting.is_empty() {
+        if ahead.limit.is_none() && ahead.waiting.is_empty() && !self.is_full {
             return self.pass(message);
         }
         let front = ahead
@@ -59,7 +60,7 @@ impl Router {
         if ahead.limit.is_some() {
             ahead.front = Some(front);
         }
-        if ahead.limit.is_some_and(|limit| front > limit) || !ahead.waiting.is_empty() {
+        if ahead.limit.is_some_and(|limit| front > limit) || !ahead.waiting.is_empty() || self.is_full {
             ahead.waiting.push_back((front, Owned::of(&message, 0)));
         } else {
             self.pass(message);
@@ -103,7 +104,8 @@ impl Router {
         }
     }
 
-    /// Passes on the waiting messages up to a log time \[ns\], and of a large one a piece.
+    /// Passes on the waiting messages up to a log time \[ns\], and of a large one a piece; fewer if these give records of more than
+    /// [`super::MOST_READY`] bytes, which are taken first.
     pub fn go_on(&mut self, limit: u64) {
         while let Some((front, owned)) = self.ahead.waiting.pop_front() {
             if front > limit {
@@ -119,6 +121,9 @@ impl Router {
             if self.message(message, owned.from) {
                 let from = owned.from + PIECE;
                 self.ahead.waiting.push_front((front, Owned { from, ..owned }));
+                return;
+            }
+            if self.is_full {
                 return;
             }
         }

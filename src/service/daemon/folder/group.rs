@@ -144,6 +144,14 @@ impl Group {
         own + self.stream.as_ref().map_or(0, Stream::held)
     }
 
+    /// Bytes of samples in events that wait to be taken.
+    pub(super) fn ready_bytes(&self) -> usize {
+        self.open
+            .iter()
+            .map(|open| open.lane.recording.ready_bytes())
+            .sum()
+    }
+
     /// Takes one step of the file whose turn it is, which is handed over at its end, within this room \[bytes\]; nothing logged after `limit` is passed on, where files
     /// share a stream.
     pub(super) fn step(

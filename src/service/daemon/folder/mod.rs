@@ -20,7 +20,7 @@ use super::remembered::Remembered;
 use super::supervision::Watch;
 use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};
 use crate::recording::read::recordings::FileResult;
-use crate::recording::read::{HELD, Step, Stream};
+use crate::recording::read::{HELD, MOST_READY, Step, Stream};
 use crate::service::telemetry::{Beat, Fault, Health};
 use crate::site::store::{Carry, FileMark, FileState};
 use std::collections::{BTreeSet, HashMap, HashSet, VecDeque};
@@ -227,7 +227,9 @@ impl Folder {
         self.open_finished(watch);
         let is_spanning = self.is_spanning();
         if is_spanning || self.finished.is_some() {
-            self.is_turn_of_growing = !self.is_turn_of_growing && !self.catches_up;
+            let group_goes_on = self.group_ready() > MOST_READY;
+            self.is_turn_of_growing = self.growing_ready() > MOST_READY
+                || (!group_goes_on && !self.is_turn_of_growing && !self.catches_up);
             if self.is_turn_of_growing
                 && let Some(step) = self.step_growing(watch)
             {
@@ -266,12 +268,33 @@ impl Folder {
         self.step_growing(watch).unwrap_or(Step::Wait)
     }
 
+    /// Bytes of samples in events that wait to be taken.
+    pub fn ready_bytes(&self) -> usize {
+        let samples = |step: &FolderStep| match step {
+            Step::Event(event, _) => event.samples(),
+            _ => 0,
+        };
+        let ended: usize = self.ready.iter().map(samples).sum();
+        8 * ended + self.group_ready() + self.growing_ready()
+    }
+
+    fn group_ready(&self) -> usize {
+        self.finished.as_ref().map_or(0, Group::ready_bytes)
+    }
+
+    fn growing_ready(&self) -> usize {
+        self.growing.iter().map(|lane| lane.recording.ready_bytes()).sum()
+    }
+
     /// Room for the samples of a recording: what the journal and all other recordings leave \[bytes\].
     fn room(&self) -> usize {
+        HELD.saturating_sub(self.elsewhere + self.held()).max(LEAST_ROOM)
+    }
+
+    /// Bytes of samples of all recordings, not yet in a record or in records not yet taken.
+    pub fn held(&self) -> usize {
         let growing: usize = self.growing.iter().map(|lane| lane.held).sum();
-        let held = growing + self.finished.as_ref().map_or(0, Group::held);
-        let open = self.joins.held();
-        HELD.saturating_sub(self.elsewhere + held + open).max(LEAST_ROOM)
+        growing + self.finished.as_ref().map_or(0, Group::held) + self.joins.held()
     }
 
     /// Notes that a file was read to its end.

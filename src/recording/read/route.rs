@@ -62,8 +62,8 @@ pub(super) struct Router {
     pub(super) file: Option<Arc<str>>,
     /// Events not yet taken.
     ready: VecDeque<Timed>,
-    /// True if they are so many that the next message waits until they are taken.
-    is_full: bool,
+    /// Bytes of their samples: beyond [`MOST_READY`] the next message waits until they are taken.
+    ready_bytes: usize,
     /// Contents of the file per rod.
     counts: Vec<Count>,
     /// True if a record ends with its file.
@@ -174,7 +174,7 @@ impl Router {
             journal: None,
             file: None,
             ready: VecDeque::new(),
-            is_full: false,
+            ready_bytes: 0,
         }
     }
 
@@ -417,7 +417,7 @@ impl Router {
     /// Moves the events so far to `to`.
     pub fn events(&mut self, to: &mut impl Extend<Timed>) {
         to.extend(self.ready.drain(..));
-        self.is_full = false;
+        self.ready_bytes = 0;
     }
 
     /// Collects the rods' events; with `all`, none waits for another sensor any more.
@@ -454,8 +454,8 @@ impl Router {
                 origin,
             });
         }
+        self.ready_bytes += Timed::bytes(&timed);
         self.ready.extend(timed.into_iter().rev());
-        self.is_full = Timed::bytes(&self.ready) > MOST_READY;
     }
 
     /// Times up to which each rod has been read.

@@ -1,7 +1,7 @@
 //! Messages that wait: for those of other files, where several are read side by side, for the rest of a large one, or until the
 //! records before them are taken.
 
-use super::Router;
+use super::{MOST_READY, Router};
 use crate::recording::read::decode::PIECE;
 use crate::recording::read::mcap::Message;
 use std::collections::VecDeque;
@@ -50,8 +50,9 @@ impl Router {
     /// Passes a message on if it is its turn.
     #[inline]
     pub(super) fn in_turn(&mut self, message: Message<'_>) {
+        let is_full = self.ready_bytes > MOST_READY;
         let ahead = &mut self.ahead;
-        if ahead.limit.is_none() && ahead.waiting.is_empty() && !self.is_full {
+        if ahead.limit.is_none() && ahead.waiting.is_empty() && !is_full {
             return self.pass(message);
         }
         let front = ahead
@@ -60,7 +61,7 @@ impl Router {
         if ahead.limit.is_some() {
             ahead.front = Some(front);
         }
-        if ahead.limit.is_some_and(|limit| front > limit) || !ahead.waiting.is_empty() || self.is_full {
+        if ahead.limit.is_some_and(|limit| front > limit) || !ahead.waiting.is_empty() || is_full {
             ahead.waiting.push_back((front, Owned::of(&message, 0)));
         } else {
             self.pass(message);
@@ -105,7 +106,7 @@ impl Router {
     }
 
     /// Passes on the waiting messages up to a log time \[ns\], and of a large one a piece; fewer if these give records of more than
-    /// [`super::MOST_READY`] bytes, which are taken first.
+    /// [`MOST_READY`] bytes, which are taken first.
     pub fn go_on(&mut self, limit: u64) {
         while let Some((front, owned)) = self.ahead.waiting.pop_front() {
             if front > limit {
@@ -123,7 +124,7 @@ impl Router {
                 self.ahead.waiting.push_front((front, Owned { from, ..owned }));
                 return;
             }
-            if self.is_full {
+            if self.ready_bytes > MOST_READY {
                 return;
             }
         }

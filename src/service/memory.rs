@@ -10,7 +10,7 @@ pub fn return_freed() {
         // Arenas of the whole process.
         ("MALLOC_ARENA_MAX", libc::M_ARENA_MAX, 2),
         // Size from which a block is mapped on its own, and unmapped when freed [B].
-        ("MALLOC_MMAP_THRESHOLD_", libc::M_MMAP_THRESHOLD, 1 << 20),
+        ("MALLOC_MMAP_THRESHOLD_", libc::M_MMAP_THRESHOLD, 128 << 10),
     ] {
         if std::env::var_os(variable).is_none() {
             // SAFETY: `mallopt` takes two integers and locks the allocator itself.

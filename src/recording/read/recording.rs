@@ -3,13 +3,12 @@
 use super::file::FileReader;
 use super::mcap::{Damage, Progress};
 use super::path::FieldPath;
-use super::route::{Rod, Router, Timed};
+use super::route::{Ready, Rod, Router};
 use super::source::{Source, Step};
 use super::summary::Summary;
 use super::tail::{Tail, Tails};
 use super::{Place, SourceError};
 use crate::analysis::signal::record::{Event, RecordSettings, RodChannels, RodId, TimeSource, Timestamp};
-use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::fs::{self, File};
 use std::io::{Read, Seek, SeekFrom};
@@ -77,7 +76,7 @@ enum Stage {
 pub struct Recording {
     stage: Stage,
     router: Router,
-    queue: VecDeque<Timed>,
+    queue: Ready,
     /// Name in messages and in the store.
     name: Arc<str>,
     /// Number of records returned so far.
@@ -178,7 +177,7 @@ impl Recording {
                 false => FileReader::by_time(input, Some(sampled.collect())).map_err(failed)?,
             }),
             router: Router::new(rods, settings),
-            queue: VecDeque::new(),
+            queue: Ready::default(),
             name: Arc::from(name),
             records: 0,
             follow: None,
@@ -208,7 +207,7 @@ impl Recording {
         Self {
             stage: Stage::Given(blocks.peekable()),
             router: Router::new(rods, settings),
-            queue: VecDeque::new(),
+            queue: Ready::default(),
             name: Arc::from(name),
             records: 0,
             follow: None,
@@ -314,7 +313,7 @@ impl Recording {
 
     /// Next event that is ready.
     pub(super) fn pop(&mut self) -> Option<(Event, Place)> {
-        let timed = self.queue.pop_front()?;
+        let timed = self.queue.pop()?;
         self.records += timed.records();
         Some(timed.at_place(Arc::clone(&self.name), self.read, self.records))
     }
@@ -362,7 +361,7 @@ impl Recording {
 
     /// Bytes of samples in events that wait to be taken.
     pub fn ready_bytes(&self) -> usize {
-        Timed::bytes(&self.queue)
+        self.queue.bytes()
     }
 
     /// Log time up to which its messages were passed on \[ns\]; `None` before the first, and where they have
@@ -475,8 +474,8 @@ impl Recording {
             self.router.events(&mut self.queue);
         } else if self.router.leaves_open() && !cut_short {
             self.router.leave(&mut self.queue);
-            let records: u64 = self.queue.iter().map(Timed::records).sum();
-            let place = (Arc::clone(&self.name), self.read, self.records + records);
+            let records = self.records + self.queue.records();
+            let place = (Arc::clone(&self.name), self.read, records);
             self.left = self.router.left(&place);
         } else {
             self.router.finish(cut_short, lost.as_deref(), &mut self.queue);

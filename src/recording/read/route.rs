@@ -5,11 +5,13 @@ mod holes;
 mod join;
 mod memory;
 mod message;
+mod ready;
 mod rod;
 mod streams;
 mod timed;
 
 pub(super) use memory::held;
+pub(super) use ready::Ready;
 pub(super) use rod::{Files, Rod};
 pub(super) use timed::Timed;
 
@@ -29,7 +31,7 @@ use crate::recording::note;
 use ahead::Ahead;
 use memory::WEIGHED_EVERY;
 use rod::Count;
-use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 /// Most bytes of all rods' samples that are not yet in a record, if nothing else is said; beyond, the longest
@@ -60,10 +62,8 @@ pub(super) struct Router {
     pub(super) journal: Option<String>,
     /// Name of the file, where several are read as one.
     pub(super) file: Option<Arc<str>>,
-    /// Events not yet taken.
-    ready: VecDeque<Timed>,
-    /// Bytes of their samples: beyond [`MOST_READY`] the next message waits until they are taken.
-    ready_bytes: usize,
+    /// Events not yet taken: beyond [`MOST_READY`] the next message waits until they are.
+    ready: Ready,
     /// Contents of the file per rod.
     counts: Vec<Count>,
     /// True if a record ends with its file.
@@ -173,8 +173,7 @@ impl Router {
             stream_numbers: HashMap::new(),
             journal: None,
             file: None,
-            ready: VecDeque::new(),
-            ready_bytes: 0,
+            ready: Ready::default(),
         }
     }
 
@@ -415,9 +414,8 @@ impl Router {
     }
 
     /// Moves the events so far to `to`.
-    pub fn events(&mut self, to: &mut impl Extend<Timed>) {
-        to.extend(self.ready.drain(..));
-        self.ready_bytes = 0;
+    pub fn events(&mut self, to: &mut Ready) {
+        to.append(&mut self.ready);
     }
 
     /// Collects the rods' events; with `all`, none waits for another sensor any more.
@@ -454,7 +452,6 @@ impl Router {
                 origin,
             });
         }
-        self.ready_bytes += Timed::bytes(&timed);
         self.ready.extend(timed.into_iter().rev());
     }
 
@@ -476,7 +473,7 @@ impl Router {
 
     /// Ends every stream; `damage` describes the part not read and gives one rejection for each rod with
     /// messages in the file.
-    pub fn finish(&mut self, cut_short: bool, damage: Option<&str>, to: &mut impl Extend<Timed>) {
+    pub fn finish(&mut self, cut_short: bool, damage: Option<&str>, to: &mut Ready) {
         self.go_on_to_the_end();
         for (rod, count) in self.rods.iter_mut().zip(&self.counts) {
             rod.finish(*count, cut_short, damage);
@@ -502,9 +499,9 @@ impl Router {
 
     /// Events of the samples left at the very end.
     pub fn ended(mut self) -> impl Iterator<Item = Timed> {
-        let mut last = VecDeque::new();
+        let mut last = Ready::default();
         self.finish(false, None, &mut last);
-        last.into_iter()
+        last.take()
     }
 
     /// Adds the counts of messages to a summary.

@@ -6,13 +6,12 @@
 use super::file::FileReader;
 use super::in_order::InOrder;
 use super::mcap::{Damage, Progress, Reader};
-use super::route::{Listener, Router, Timed};
+use super::route::{Listener, Ready, Router, Timed};
 use super::source::{Source, Step};
 use super::{Place, SourceError, Summary, TopicSummary, carry};
 use crate::analysis::signal::record::{Event, RecordSettings, RodChannels};
 use crate::analysis::track::ordered::Reached;
 use crate::recording::part;
-use std::collections::VecDeque;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -51,7 +50,7 @@ pub struct Series {
     /// True if the journal is still written.
     live: bool,
     router: Router,
-    queue: VecDeque<Timed>,
+    queue: Ready,
     /// Parts to read; empty for a live journal.
     listed: Vec<u32>,
     open: Option<Open>,
@@ -92,7 +91,7 @@ impl Series {
             settings: settings.of_stream(),
             live,
             router: Router::new(channels, &settings.of_stream()),
-            queue: VecDeque::new(),
+            queue: Ready::default(),
             listed,
             open: None,
             lost: None,
@@ -136,8 +135,8 @@ impl Series {
         self.settings = settings.of_stream();
         self.begin_anew();
         let name: Arc<str> = Arc::from(part::mark_name(end.part));
-        let timed = self.queue.drain(..);
-        timed
+        self.queue
+            .take()
             .map(|timed| timed.at_place(Arc::clone(&name), end.size, 0))
             .collect()
     }
@@ -164,7 +163,7 @@ impl Series {
 
     /// Bytes of samples in events that wait to be taken.
     pub fn ready_bytes(&self) -> usize {
-        Timed::bytes(&self.queue)
+        self.queue.bytes()
     }
 
     /// Number of the current part, if no more of it can be read: only another part brings data again.
@@ -308,7 +307,7 @@ impl Series {
             // The data still open may have continued in the missing part.
             self.router.finish(true, None, &mut self.queue);
             self.begin_anew();
-            if let Some(event) = self.queue.pop_front() {
+            if let Some(event) = self.queue.pop() {
                 return self.event(event);
             }
         }
@@ -341,7 +340,7 @@ impl Source for Series {
     type File = Box<PartEnd>;
 
     fn poll(&mut self) -> Step<Box<PartEnd>> {
-        if let Some(event) = self.queue.pop_front() {
+        if let Some(event) = self.queue.pop() {
             return self.event(event);
         }
         if self.open.is_none() {
@@ -356,7 +355,7 @@ impl Source for Series {
         if self.router.waits() {
             self.router.go_on(u64::MAX);
             self.router.events(&mut self.queue);
-            return match self.queue.pop_front() {
+            return match self.queue.pop() {
                 Some(event) => self.event(event),
                 None => Step::More,
             };
@@ -386,7 +385,7 @@ impl Source for Series {
                 self.lose();
             }
         }
-        match self.queue.pop_front() {
+        match self.queue.pop() {
             Some(event) => self.event(event),
             None => Step::More,
         }

@@ -1,7 +1,7 @@
 //! Files that are read side by side as one: their rods, and the order of their turns.
 
 use super::folder::Span;
-use super::route::{Rod, Router, held};
+use super::route::{Ready, Rod, Router, held};
 use super::tail::{Tail, Tails};
 use super::{Event, Place, Recording, Source, Step};
 use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};
@@ -83,14 +83,14 @@ impl Stream {
     /// Ends it behind its last file, of this name, bytes read and records returned.
     fn end(&mut self, tails: &Tails, (file, bytes, mut records): (Arc<str>, u64, u64)) {
         let mut router = Router::of(std::mem::take(&mut self.rods));
-        let mut ended = Vec::new();
+        let mut ended = Ready::default();
         if self.ends_with_file {
             router.finish(false, None, &mut ended);
         } else {
             router.join(tails.clone(), Arc::clone(&file));
             router.leave(&mut ended);
         }
-        let events = ended.into_iter().map(|timed| {
+        let events = ended.take().map(|timed| {
             records += timed.records();
             timed.at_place(Arc::clone(&file), bytes, records)
         });

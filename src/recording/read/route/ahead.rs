@@ -15,15 +15,35 @@ pub(super) struct Ahead {
     /// Latest log time so far \[ns\].
     pub(super) front: Option<u64>,
     /// Waiting messages, with the latest log time up to each.
-    pub(super) waiting: VecDeque<(u64, Owned)>,
+    waiting: VecDeque<(u64, Owned)>,
+    /// Bytes of them.
+    bytes: usize,
+}
+
+impl Ahead {
+    fn push_back(&mut self, front: u64, message: Owned) {
+        self.bytes += message.data.len();
+        self.waiting.push_back((front, message));
+    }
+
+    fn push_front(&mut self, front: u64, message: Owned) {
+        self.bytes += message.data.len();
+        self.waiting.push_front((front, message));
+    }
+
+    fn pop(&mut self) -> Option<(u64, Owned)> {
+        let first = self.waiting.pop_front()?;
+        self.bytes -= first.1.data.len();
+        Some(first)
+    }
 }
 
 /// A message that waits.
-pub(super) struct Owned {
-    pub(super) channel: u16,
-    pub(super) log_time: u64,
+struct Owned {
+    channel: u16,
+    log_time: u64,
     publish_time: u64,
-    pub(super) data: Arc<[u8]>,
+    data: Arc<[u8]>,
     /// Number of its first sample that was not passed on.
     from: usize,
 }
@@ -43,14 +63,13 @@ impl Owned {
 impl Router {
     /// Bytes of the messages that wait.
     pub fn ahead_bytes(&self) -> usize {
-        let waiting = self.ahead.waiting.iter();
-        waiting.map(|(_, owned)| owned.data.len()).sum()
+        self.ahead.bytes
     }
 
     /// Passes a message on if it is its turn.
     #[inline]
     pub(super) fn in_turn(&mut self, message: Message<'_>) {
-        let is_full = self.ready_bytes > MOST_READY;
+        let is_full = self.ready.bytes() > MOST_READY;
         let ahead = &mut self.ahead;
         if ahead.limit.is_none() && ahead.waiting.is_empty() && !is_full {
             return self.pass(message);
@@ -62,7 +81,7 @@ impl Router {
             ahead.front = Some(front);
         }
         if ahead.limit.is_some_and(|limit| front > limit) || !ahead.waiting.is_empty() || is_full {
-            ahead.waiting.push_back((front, Owned::of(&message, 0)));
+            ahead.push_back(front, Owned::of(&message, 0));
         } else {
             self.pass(message);
         }
@@ -73,7 +92,7 @@ impl Router {
     fn pass(&mut self, message: Message<'_>) {
         if self.message(message, 0) {
             let front = self.ahead.front.unwrap_or_default();
-            self.ahead.waiting.push_front((front, Owned::of(&message, PIECE)));
+            self.ahead.push_front(front, Owned::of(&message, PIECE));
         }
     }
 
@@ -108,9 +127,9 @@ impl Router {
     /// Passes on the waiting messages up to a log time \[ns\], and of a large one a piece; fewer if these give records of more than
     /// [`MOST_READY`] bytes, which are taken first.
     pub fn go_on(&mut self, limit: u64) {
-        while let Some((front, owned)) = self.ahead.waiting.pop_front() {
+        while let Some((front, owned)) = self.ahead.pop() {
             if front > limit {
-                self.ahead.waiting.push_front((front, owned));
+                self.ahead.push_front(front, owned);
                 return;
             }
             let message = Message {
@@ -121,10 +140,10 @@ impl Router {
             };
             if self.message(message, owned.from) {
                 let from = owned.from + PIECE;
-                self.ahead.waiting.push_front((front, Owned { from, ..owned }));
+                self.ahead.push_front(front, Owned { from, ..owned });
                 return;
             }
-            if self.ready_bytes > MOST_READY {
+            if self.ready.bytes() > MOST_READY {
                 return;
             }
         }

@@ -1,6 +1,6 @@
 //! Rods that go on where an earlier file ended, and leave their open samples to the next.
 
-use super::{Router, Timed, held};
+use super::{Ready, Router, held};
 use crate::analysis::signal::record::RodId;
 use crate::recording::read::tail::{Tail, Tails};
 use std::sync::Arc;
@@ -70,7 +70,7 @@ impl Router {
     }
 
     /// Ends the file: rods with samples in it leave what is open, the others end.
-    pub fn leave(&mut self, to: &mut impl Extend<Timed>) {
+    pub fn leave(&mut self, to: &mut Ready) {
         self.go_on_to_the_end();
         let mut counts = self.counts.iter();
         for lanes in self.rods.chunk_by_mut(|_, next| next.sensor > 0) {

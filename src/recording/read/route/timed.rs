@@ -23,12 +23,9 @@ impl Timed {
         u64::from(!matches!(self.event, Event::Readings { .. }))
     }
 
-    /// Bytes of the samples of events.
-    pub(in crate::recording::read) fn bytes<'a>(events: impl IntoIterator<Item = &'a Self>) -> usize {
-        8 * events
-            .into_iter()
-            .map(|timed| timed.event.samples())
-            .sum::<usize>()
+    /// Bytes of its samples.
+    pub(super) fn bytes(&self) -> usize {
+        8 * self.event.samples()
     }
 
     /// Returns the event with the place at which it was complete.

@@ -2,6 +2,7 @@
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
@@ -9,6 +10,7 @@ use std::time::Duration;
 pub struct Hook {
     pub address: SocketAddr,
     bodies: Arc<Mutex<Vec<String>>>,
+    has_ended: Arc<AtomicBool>,
 }
 
 impl Hook {
@@ -17,18 +19,36 @@ impl Hook {
         let address = listener.local_addr().unwrap();
         let bodies = Arc::<Mutex<Vec<String>>>::default();
         let kept = Arc::clone(&bodies);
+        let has_ended = Arc::<AtomicBool>::default();
+        let ended = Arc::clone(&has_ended);
         thread::spawn(move || {
             for stream in listener.incoming().flatten() {
+                if ended.load(Ordering::Relaxed) {
+                    return;
+                }
                 let kept = Arc::clone(&kept);
                 // A sender killed in the middle of a message sends no more; the message then counts as not received.
                 thread::spawn(move || answer(stream, &kept));
             }
         });
-        Self { address, bodies }
+        Self {
+            address,
+            bodies,
+            has_ended,
+        }
     }
 
     pub fn received(&self, id: &str) -> bool {
         self.bodies.lock().unwrap().iter().any(|body| body.contains(id))
+    }
+}
+
+/// A campaign of thousands of runs would keep as many ports open.
+impl Drop for Hook {
+    fn drop(&mut self) {
+        self.has_ended.store(true, Ordering::Relaxed);
+        // Wakes the thread that waits for a connection; if it is refused there is none.
+        drop(TcpStream::connect(self.address));
     }
 }
 

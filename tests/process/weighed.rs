@@ -378,7 +378,7 @@ fn a_packed_variable_of_bytes_is_refused() {
 }
 
 #[test]
-#[ignore = "campaign: a hundred records of a million samples, 24 minutes beside builds"]
+#[ignore = "campaign: a hundred records of a million samples, 10 to 15 minutes"]
 fn over_a_socket_and_in_the_watched_folder() {
     let folder = tempfile::tempdir().unwrap();
     let more = "[store]\npath = \"site.db\"\n[http]\nlisten = \"127.0.0.1:0\"\n[ingest]\nfolder = \"archive\"\nsettle_s = 1\n\

@@ -14,7 +14,7 @@ use std::time::Duration;
 use tirante::analysis::signal::record::{
     Assembler, Flag, RecordSettings, Rejection, RodChannels, TimeSource, Timestamp, Unit,
 };
-use tirante::recording::read::{Event, Follow, MOST_READY, Options, Recording};
+use tirante::recording::read::{Event, Follow, Options, Recording};
 use tirante::recording::write::{
     ChannelSpec, Compression, Encoding, Layout, Precision, RecordingWriter, WriterOptions,
 };
@@ -92,44 +92,6 @@ fn an_array_of_more_than_a_million_samples_is_taken_in_pieces() {
         assert_eq!(records(&pieces).len(), 7, "{encoding:?}");
         assert!(pieces == many, "{encoding:?}");
     }
-}
-
-#[test]
-fn records_of_one_chunk_are_taken_before_its_next_messages() {
-    // 3.2 million samples in one chunk, which take 26 MB; a chunk of twice as many bytes in the file would be refused.
-    const MESSAGE: usize = 400_000;
-    let samples = motion(8 * MESSAGE);
-    let written = |chunk_bytes: u64| {
-        let options = WriterOptions {
-            chunk_bytes: Some(chunk_bytes),
-            ..WriterOptions::default()
-        };
-        let mut writer = RecordingWriter::new(Cursor::new(Vec::new()), options).unwrap();
-        let spec = ChannelSpec {
-            precision: Precision::Single,
-            ..spec("/laser", Encoding::Ros2, Layout::Batch(MESSAGE))
-        };
-        let id = writer.add_channel(spec).unwrap();
-        writer.write_samples(id, START, FS, &samples).unwrap();
-        writer.finish().unwrap().into_inner()
-    };
-    let rods = [rod("r", "/laser", "values")];
-    let settings = windows(1000.0);
-    let bytes = Cursor::new(written(32 << 20));
-    let mut recording = Recording::new("one chunk", bytes, &rods, &settings, Options::default()).unwrap();
-    let mut most = 0;
-    let events: Vec<Event> = std::iter::from_fn(|| {
-        let event = recording.next();
-        most = most.max(recording.ready_bytes());
-        event
-    })
-    .collect();
-    assert_eq!(recording.ready_bytes(), 0);
-    assert!(recording.summary().sentences().is_empty());
-    let (in_small_chunks, _) = read(written(1), &rods, &settings);
-    assert!(events == in_small_chunks);
-    assert_eq!(records(&events).len(), 16);
-    assert!(most > 0 && most <= MOST_READY + 8 * MESSAGE, "{most} bytes");
 }
 
 #[test]

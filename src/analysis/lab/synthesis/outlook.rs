@@ -171,7 +171,12 @@ impl Outlook {
                 drift: None,
             });
             let median = companions.take(others).ratio;
-            let (Some(ratio), Some(filtered)) = (ratios[0][index], filters.at(day)) else {
+            let next =
+                (readings.peek()).map(|next| (next.time.seconds_since(midnight) / DAY_S, next.celsius));
+            let between = next.and_then(|next| filters.before(next, day));
+            let unread_k2 = filters.unread_k2(day).filter(|_| between.is_none());
+            let (Some(ratio), Some(filtered)) = (ratios[0][index], between.or_else(|| filters.at(day)))
+            else {
                 continue;
             };
             let regressors = regressors.get_or_insert(Regressors {
@@ -188,7 +193,7 @@ impl Outlook {
                 day,
                 ratio,
                 columns,
-                unread_k2: filters.unread_k2(day),
+                unread_k2,
             });
         }
         periods

@@ -58,8 +58,8 @@ pub struct Period {
     /// Low-passed temperatures beside delta \[degC\], as [`Filters`] has them; `None` if not known.
     #[serde(default)]
     pub filtered_c: Option<[f64; FILTERS_D.len()]>,
-    /// Covariance of their errors by what the temperature did since its last reading \[K^2\]; `None` where readings are dense, and once
-    /// the watch has taken the period.
+    /// Covariance of their errors by what the temperature did since its last reading \[K^2\]; `None` where each record lies between dense
+    /// readings, and once the watch has taken the period.
     #[serde(skip)]
     pub unread_k2: Option<Covariance>,
     /// Temperatures at the lags of earlier versions, for resuming from their stores \[degC\].
@@ -144,7 +144,8 @@ fn nanos(period_s: f64) -> i64 {
 }
 
 /// Combines the records of one period, ascending in time. `filters` are run along `readings` up to the end of the last
-/// record, but not beyond the trusted ones; the readings used are taken out.
+/// record, but not beyond the trusted ones; the readings used are taken out. Where the next reading is there, a record's temperature lies on
+/// the line to it.
 /// `not_axial_p(ln(1 + delta), misfit)` judges the combined misfit.
 ///
 /// delta = sum w_i delta_i / sum w_i with w_i = 1 / sd_i^2, and the temperatures with the same weights,
@@ -167,7 +168,11 @@ pub fn combine(
                 filters.push(reading.time.days(), reading.celsius);
             }
             let day = record.end.days();
-            filters.at(day).map(|celsius| (celsius, filters.unread_k2(day)))
+            let next = (readings.first()).filter(|next| trusted_until.is_none_or(|until| next.time <= until));
+            match next.and_then(|next| filters.before((next.time.days(), next.celsius), day)) {
+                Some(celsius) => Some((celsius, None)),
+                None => filters.at(day).map(|celsius| (celsius, filters.unread_k2(day))),
+            }
         })
         .collect();
     let compensated = temperatures.iter().any(Option::is_some);

@@ -1,13 +1,13 @@
 //! Errors of the filters by what the temperature did since its last reading.
 //!
-//! The temperature is taken as a Brownian motion. Its mean after a reading is that reading: what the filters follow. Over the motion's
+//! What the temperature does beyond what the filters follow, the last reading or its trend, is taken as a Brownian motion. Over its
 //! intensity \[K^2/d\] the errors that they gain in a time a have the covariance A \[d\]:
 //!
 //! ```text
 //! A_ij = a - h_i - h_j + h_ij,    h = tau (1 - e^(-a / tau)),    1 / tau_ij = 1 / tau_i + 1 / tau_j
 //! ```
 //!
-//! Its course between readings is left to the noise that a bank learns: it is much the same in every period.
+//! The course between readings is left to the noise that a bank learns: it is much the same in every period.
 
 use super::filters::FILTERS_D;
 

@@ -169,6 +169,7 @@ impl Outlook {
                 rod: name,
                 ratio: own[index],
                 drift: None,
+                is_in_doubt: false,
             });
             let median = companions.take(others).ratio;
             let next =

@@ -15,16 +15,22 @@
 //! ([`InPeriod::drift`]). Left out for months, it would leave a median that follows the temperature otherwise than the one the rods
 //! have been compared with, and they would seem to drift one after the other. What was taken off stays off when its alarm ends. A
 //! rod that comes, or comes back after more than [`PATIENCE`] periods, has an offset with which the median does not jump.
+//!
+//! Between its first changed record and the day when its change is certain, what to take off is not known: the others would see the rest
+//! as changes of their own. A rod in doubt is continued like a missing one, from the level before the last `FORGOTTEN` periods, which hold
+//! the change already.
 
 use super::gain::{Gain, common_step};
 use super::regressors::median;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 /// Periods for which a rod that is not measured bears witness.
 pub const PATIENCE: u32 = 10;
 /// Fewest other rods that give a median.
 pub const FEWEST: usize = 2;
+/// Periods before a doubt that are left out with it: a change is told with its second or third record.
+const FORGOTTEN: usize = 2;
 /// Number of periods with a median after which no rod joins those in it.
 const SETTLED: u32 = 30;
 
@@ -40,6 +46,9 @@ pub struct Companions {
 struct Companion {
     /// Share in the median: its ratio and an offset, less its drift, or the continuation.
     level: f64,
+    /// The levels before, the newest first.
+    before: VecDeque<f64>,
+    is_in_doubt: bool,
     offset: f64,
     /// Number of periods since it was measured.
     missing: u32,
@@ -53,12 +62,42 @@ impl Companion {
         self.drift.is_none() && self.missing <= PATIENCE
     }
 
+    /// Its level before the last periods, or the earliest known.
+    fn level_before(&self, periods: usize) -> f64 {
+        let earlier = self.before.iter().take(periods).last();
+        *earlier.unwrap_or(&self.level)
+    }
+
+    /// Goes on with the common step of the others since the last level, or since the one before what is forgotten.
+    fn go_on(&mut self, step: f64, is_in_doubt: bool) {
+        let from = self.level_before(self.forgets(is_in_doubt));
+        self.before.push_front(self.level);
+        self.before.truncate(FORGOTTEN);
+        self.level = from + self.gain.value() * step;
+        self.is_in_doubt = is_in_doubt;
+        self.missing = self.missing.saturating_add(1);
+    }
+
+    /// Number of its last periods that do not count any more: a doubt that begins takes those that led to it.
+    fn forgets(&self, is_in_doubt: bool) -> usize {
+        if is_in_doubt && !self.is_in_doubt {
+            FORGOTTEN
+        } else {
+            0
+        }
+    }
+
     /// Takes the drift that the rod is told to have in this period; one that ended stays off.
     fn set_drift(&mut self, drift: Option<f64>) {
         match drift {
             Some(now) if now.is_finite() => self.drift = Some(now),
             Some(_) => self.drift = self.drift.or(Some(0.0)),
-            None => self.offset -= self.drift.take().unwrap_or(0.0),
+            None => {
+                if let Some(moved) = self.drift.take() {
+                    self.offset -= moved;
+                    self.before.clear();
+                }
+            }
         }
     }
 }
@@ -72,6 +111,8 @@ pub struct InPeriod<'a> {
     pub ratio: Option<f64>,
     /// Expected share of it that is a change beside the other rods; `None` if the rod is not told to drift.
     pub drift: Option<f64>,
+    /// True if it may hold a change of unknown size: it does not count.
+    pub is_in_doubt: bool,
 }
 
 /// Companions in one period.
@@ -90,15 +131,24 @@ impl Companions {
         for (rod, known) in &mut self.rods {
             known.set_drift(listed.get(rod.as_str()).and_then(|one| one.drift));
         }
-        let measured = |one: &InPeriod| one.ratio.filter(|ratio| ratio.is_finite());
-        let steps = listed.values().filter_map(|one| {
-            let known = self.rods.get(one.rod).filter(|known| known.bears_witness())?;
-            Some((measured(one)? + known.offset - known.level, known.gain))
-        });
-        let step = common_step(steps).unwrap_or(0.0);
-        for known in self.rods.values_mut() {
-            known.level += known.gain.value() * step;
-            known.missing = known.missing.saturating_add(1);
+        let measured = |one: &InPeriod| (one.ratio).filter(|ratio| ratio.is_finite() && !one.is_in_doubt);
+        let step_since = |periods: usize| {
+            let steps = listed.values().filter_map(|one| {
+                let known = self.rods.get(one.rod).filter(|known| known.bears_witness())?;
+                let level = measured(one)? + known.offset;
+                Some((level - known.level_before(periods), known.gain))
+            });
+            common_step(steps).unwrap_or(0.0)
+        };
+        let (step, longer) = (step_since(0), step_since(FORGOTTEN));
+        for (rod, known) in &mut self.rods {
+            let is_in_doubt = listed.get(rod.as_str()).is_some_and(|one| one.is_in_doubt);
+            let step = if known.forgets(is_in_doubt) > 0 {
+                longer
+            } else {
+                step
+            };
+            known.go_on(step, is_in_doubt);
         }
         let (is_settled, has_median) = (self.periods >= SETTLED, self.witnesses().count() >= FEWEST);
         let now = self.median().filter(|_| is_settled || has_median);
@@ -119,6 +169,8 @@ impl Companions {
                     let level = now.unwrap_or(ratio);
                     let fresh = Companion {
                         level,
+                        before: VecDeque::new(),
+                        is_in_doubt: false,
                         offset: level - ratio + one.drift.unwrap_or(0.0),
                         missing: 0,
                         drift: one.drift,
@@ -163,6 +215,7 @@ mod tests {
             rod,
             ratio,
             drift: None,
+            is_in_doubt: false,
         }
     }
 
@@ -234,6 +287,7 @@ mod tests {
                 rod: "c",
                 ratio: Some(weather(day) - loss),
                 drift,
+                is_in_doubt: false,
             };
             [
                 at("a", Some(weather(day) - 0.02)),
@@ -257,6 +311,34 @@ mod tests {
         }
         for day in 70..80 {
             near(companions.take(period(day, 0.6, Some(-0.1))), weather(day));
+        }
+    }
+
+    /// A loss from day 20 on, in doubt from day 22 to 25, told and sure then: the median is that of the weather from the doubt on, beside
+    /// two others and beside one.
+    #[test]
+    fn a_rod_in_doubt_goes_on_as_it_was_before_its_change() {
+        for others in [&["a", "b"][..], &["b"]] {
+            let mut companions = Companions::default();
+            let weather = |day: u32| 0.01 * f64::from(day).sin();
+            for day in 0..40 {
+                let loss = if day < 20 { 0.0 } else { 0.5 };
+                let c = InPeriod {
+                    rod: "c",
+                    ratio: Some(weather(day) - loss),
+                    drift: (day >= 22).then_some(if day < 26 { -0.1 } else { -0.5 }),
+                    is_in_doubt: (22..26).contains(&day),
+                };
+                let others = others.iter().map(|rod| at(rod, Some(weather(day))));
+                let found = companions.take(others.chain([c]));
+                // A rod told to drift bears no witness: one other alone has no median.
+                if day < 20 || (day >= 22 && found.ratio.is_some()) {
+                    near(found, weather(day));
+                }
+            }
+            for level in companions.rods.values().map(|known| known.level) {
+                assert!((level - weather(39)).abs() < 1e-12, "{others:?} {level}");
+            }
         }
     }
 
@@ -326,6 +408,7 @@ mod tests {
                 rod: "c",
                 ratio: Some(-0.1 * warm),
                 drift: (day > 20).then_some(0.0),
+                is_in_doubt: false,
             };
             let found = companions.take([at("a", Some(-0.05 * warm)), at("b", Some(-0.15 * warm)), c]);
             near(found, -0.1 * warm);

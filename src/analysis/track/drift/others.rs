@@ -84,6 +84,10 @@ pub trait Neighbour: Debug + Sync {
     /// Expected change of the ratio beside the other rods: zero while there is little evidence of one.
     fn moved_beside_others(&self) -> f64;
 
+    /// True while its records show a change whose size beside the other rods is not known yet: one that a single record suspects, or
+    /// that was told of late. It bears no witness in such a period.
+    fn is_in_doubt(&self, index: i64, period_s: f64) -> bool;
+
     /// True if an alarm raised by its evidence is active: a drift, or a change that is not axial.
     fn drifts(&self) -> bool;
 
@@ -114,6 +118,7 @@ impl<'a> Others<'a> {
         self.0.iter().map(move |rod| InPeriod {
             rod: rod.name(),
             ratio: rod.ratio_in(index, period_s),
+            is_in_doubt: rod.is_in_doubt(index, period_s),
             drift: rod.drifts().then(|| rod.moved_beside_others()),
         })
     }

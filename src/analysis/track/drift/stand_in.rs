@@ -57,6 +57,9 @@ impl Neighbour for Rod {
     fn moved_beside_others(&self) -> f64 {
         0.0
     }
+    fn is_in_doubt(&self, _: i64, _: f64) -> bool {
+        false
+    }
     fn drifts(&self) -> bool {
         false
     }

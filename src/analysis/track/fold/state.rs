@@ -17,6 +17,9 @@ use crate::track::plausibility::{JUMP_S, Plausibility};
 use crate::track::thermometer::Thermometer;
 use serde::{Deserialize, Serialize};
 
+/// Periods after an alarm within which the size of its change may be unknown: a large one is sure within three.
+const DOUBT_PERIODS: i64 = 5;
+
 /// A stretch of history with one baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Segment {
@@ -339,6 +342,16 @@ impl Neighbour for State {
 
     fn moved_beside_others(&self) -> f64 {
         self.watch.get().map_or(0.0, DriftWatch::moved_beside_others)
+    }
+
+    fn is_in_doubt(&self, index: i64, period_s: f64) -> bool {
+        let is_young = |alarm: &Alarm| {
+            let periods = index.saturating_sub(period::index_of(alarm.raised, period_s));
+            let is_change = matches!(alarm.kind, Kind::Drift | Kind::NotAxial | Kind::Limit);
+            is_change && alarm.cleared.is_none() && periods <= DOUBT_PERIODS
+        };
+        let knows_size = self.watch.get().is_some_and(DriftWatch::knows_what_moved);
+        self.holds(Kind::Suspected) || (!knows_size && self.alarms.iter().any(is_young))
     }
 
     fn drifts(&self) -> bool {

@@ -51,6 +51,11 @@ impl DriftWatch {
             .map_or(0.0, |size| size * odds / (1.0 + odds))
     }
 
+    /// True once that is all but certain: a share of 1 % is left out of it.
+    pub(crate) fn knows_what_moved(&self) -> bool {
+        (self.current_peers()).is_some_and(|peers| peers.statistic() > 100.0 * RARER * self.limit)
+    }
+
     /// Change as it stands now, as a share of the force; zero without one.
     pub fn size(&self) -> f64 {
         let size = |(detector, since): (&Detector, _)| detector.size_since(since);

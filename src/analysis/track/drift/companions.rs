@@ -64,7 +64,7 @@ impl Companion {
 
     /// Its level before the last periods, or the earliest known.
     fn level_before(&self, periods: usize) -> f64 {
-        let earlier = self.before.iter().take(periods).last();
+        let earlier = self.before.iter().take(periods).next_back();
         *earlier.unwrap_or(&self.level)
     }
 

@@ -174,9 +174,7 @@ impl Outlook {
             let median = companions.take(others).ratio;
             let next =
                 (readings.peek()).map(|next| (next.time.seconds_since(midnight) / DAY_S, next.celsius));
-            let between = next.and_then(|next| filters.before(next, day));
-            let unread_k2 = filters.unread_k2(day).filter(|_| between.is_none());
-            let (Some(ratio), Some(filtered)) = (ratios[0][index], between.or_else(|| filters.at(day)))
+            let (Some(ratio), Some((filtered, unread_k2))) = (ratios[0][index], filters.known(day, next))
             else {
                 continue;
             };

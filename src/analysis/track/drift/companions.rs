@@ -68,23 +68,13 @@ impl Companion {
         *earlier.unwrap_or(&self.level)
     }
 
-    /// Goes on with the common step of the others since the last level, or since the one before what is forgotten.
-    fn go_on(&mut self, step: f64, is_in_doubt: bool) {
-        let from = self.level_before(self.forgets(is_in_doubt));
+    /// Goes on from the level before the last periods with the common step of the others since then.
+    fn go_on(&mut self, periods: usize, step: f64) {
+        let level = self.level_before(periods) + self.gain.value() * step;
         self.before.push_front(self.level);
         self.before.truncate(FORGOTTEN);
-        self.level = from + self.gain.value() * step;
-        self.is_in_doubt = is_in_doubt;
+        self.level = level;
         self.missing = self.missing.saturating_add(1);
-    }
-
-    /// Number of its last periods that do not count any more: a doubt that begins takes those that led to it.
-    fn forgets(&self, is_in_doubt: bool) -> usize {
-        if is_in_doubt && !self.is_in_doubt {
-            FORGOTTEN
-        } else {
-            0
-        }
     }
 
     /// Takes the drift that the rod is told to have in this period; one that ended stays off.
@@ -143,12 +133,12 @@ impl Companions {
         let (step, longer) = (step_since(0), step_since(FORGOTTEN));
         for (rod, known) in &mut self.rods {
             let is_in_doubt = listed.get(rod.as_str()).is_some_and(|one| one.is_in_doubt);
-            let step = if known.forgets(is_in_doubt) > 0 {
-                longer
+            if is_in_doubt && !known.is_in_doubt {
+                known.go_on(FORGOTTEN, longer);
             } else {
-                step
-            };
-            known.go_on(step, is_in_doubt);
+                known.go_on(0, step);
+            }
+            known.is_in_doubt = is_in_doubt;
         }
         let (is_settled, has_median) = (self.periods >= SETTLED, self.witnesses().count() >= FEWEST);
         let now = self.median().filter(|_| is_settled || has_median);

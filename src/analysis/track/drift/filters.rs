@@ -131,12 +131,25 @@ impl Filters {
 
     /// The filters \[degC\] at a time between the last reading and the next, (day, degC), on the line between them; `None` where readings
     /// do not resolve the day, or these two are too far apart.
-    pub fn before(&self, next: (f64, f64), day: f64) -> Option<[f64; FILTERS_D.len()]> {
+    fn before(&self, next: (f64, f64), day: f64) -> Option<[f64; FILTERS_D.len()]> {
         let passed = day - self.last?;
         let gap = next.0 - self.last?;
         let is_between = (0.0..gap).contains(&passed) && gap <= self.hold_d();
         let celsius = self.celsius + (next.1 - self.celsius) * passed / gap;
         (is_between && !self.is_sparse()).then(|| self.moved_on(passed, celsius))
+    }
+
+    /// The filters \[degC\] at a time and the covariance of their errors \[K^2\]: on the line to the next reading, (day, degC), where that
+    /// holds, else as [`at`](Self::at) and [`unread_k2`](Self::unread_k2) have them.
+    pub fn known(
+        &self,
+        day: f64,
+        next: Option<(f64, f64)>,
+    ) -> Option<([f64; FILTERS_D.len()], Option<Covariance>)> {
+        match next.and_then(|next| self.before(next, day)) {
+            Some(filtered) => Some((filtered, None)),
+            None => Some((self.at(day)?, self.unread_k2(day))),
+        }
     }
 
     /// Longest time from a reading for which it tells the temperature \[d\].

@@ -169,10 +169,7 @@ pub fn combine(
             }
             let day = record.end.days();
             let next = (readings.first()).filter(|next| trusted_until.is_none_or(|until| next.time <= until));
-            match next.and_then(|next| filters.before((next.time.days(), next.celsius), day)) {
-                Some(celsius) => Some((celsius, None)),
-                None => filters.at(day).map(|celsius| (celsius, filters.unread_k2(day))),
-            }
+            filters.known(day, next.map(|next| (next.time.days(), next.celsius)))
         })
         .collect();
     let compensated = temperatures.iter().any(Option::is_some);

@@ -1,6 +1,6 @@
 //! Errors of the filters by what the temperature did since its last reading.
 //!
-//! What the temperature does beyond what the filters follow, the last reading or its trend, is taken as a Brownian motion. Over its
+//! The temperature less what the filters follow, the last reading or its trend, is taken as a Brownian motion. Over its
 //! intensity \[K^2/d\] the errors that they gain in a time a have the covariance A \[d\]:
 //!
 //! ```text

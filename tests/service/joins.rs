@@ -245,6 +245,41 @@ fn a_copy_and_an_older_file_take_nothing_over() {
 }
 
 #[test]
+fn a_part_of_a_file_does_not_hide_what_the_file_left_open() {
+    // A piece, all samples, and all of it.
+    for share in [0.6, 0.9, 1.0] {
+        for name in ["0-part.mcap", "0b.mcap"] {
+            let folder = tempfile::tempdir().unwrap();
+            let at = |name: &str| folder.path().join(name);
+            cut(folder.path(), &[17.3]);
+            let expected = replayed(folder.path());
+            fs::rename(at("1.mcap"), at("1.later")).unwrap();
+            let mut first = run(folder.path(), LONG_S, Remembered::default());
+            assert_eq!(told(&mut first), ["record 0", "0.mcap"]);
+            let (mut found, remembered) = (identities(&first), first.remembered.clone());
+            first.reader.stop();
+
+            // Another rod's file keeps the next one and the copy together.
+            beside(folder.path());
+            fs::rename(at("1.later"), at("1.mcap")).unwrap();
+            fs::copy(at("0.mcap"), at(name)).unwrap();
+            shorten(&at(name), share);
+            let new = |found: &[String], records: Vec<String>| -> Vec<String> {
+                let is_new = |record: &String| !found.contains(record);
+                records.into_iter().filter(is_new).collect()
+            };
+            let mut second = settling(folder.path(), 0.0, LONG_S, remembered);
+            second.until("all", |run| run.remembered.files.len() == 4);
+            found.extend(new(&found, identities(&second)));
+            assert_eq!(found, expected, "{share} of the first as {name}");
+            let mut all = replayed(folder.path());
+            all.dedup();
+            assert_eq!(all, expected, "{share} of the first as {name}, replayed");
+        }
+    }
+}
+
+#[test]
 fn another_cut_ends_what_is_open_before_it_holds() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("a.mcap"), measured(0.0, 15.0)).unwrap();

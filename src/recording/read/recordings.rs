@@ -12,6 +12,7 @@ use super::stream::{Stream, turn};
 use super::{Follow, Options, Parts, Recording, Series, SourceError, Summary};
 use crate::analysis::signal::record::{RecordSettings, RodChannels};
 use crate::recording::part;
+use std::cmp::Reverse;
 use std::collections::{HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -154,12 +155,15 @@ impl Recordings {
         }
     }
 
-    /// Index of the series of a file.
+    /// Index of the series of a file: of those that take it, the one whose latest file of its topics ends last, or the first.
     fn series_for(&mut self, span: Option<Span>) -> usize {
         let found = span.as_ref().and_then(|span| {
-            self.streams
-                .iter_mut()
-                .position(|planned| planned.is_open && planned.stream.takes(span))
+            let all = self.streams.iter_mut().enumerate();
+            let taking = all.filter_map(|(at, planned)| {
+                let takes = planned.is_open && planned.stream.takes(span);
+                takes.then(|| (planned.stream.reaches(span), Reverse(at)))
+            });
+            taking.max().map(|(_, Reverse(at))| at)
         });
         let at = found.unwrap_or_else(|| {
             self.streams.push(Planned {

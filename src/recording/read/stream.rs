@@ -5,6 +5,7 @@ use super::route::{Ready, Rod, Router, held};
 use super::tail::{Tail, Tails};
 use super::{Event, Place, Recording, Source, Step};
 use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};
+use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::sync::Arc;
 
@@ -18,6 +19,8 @@ pub struct Stream {
     ends_with_file: bool,
     /// Time spans and topics that later files may share.
     spans: Vec<Span>,
+    /// Latest log time of each topic \[ns since 1970\].
+    ends: BTreeMap<String, u64>,
     /// Events of what ended with the last file.
     events: Vec<(Event, Place)>,
     /// Open samples that the last file left.
@@ -32,6 +35,7 @@ impl Stream {
             ends_with_file: router.ends_with_file,
             rods: router.rods,
             spans: Vec::new(),
+            ends: BTreeMap::new(),
             events: Vec::new(),
             left: Vec::new(),
         }
@@ -48,8 +52,31 @@ impl Stream {
             .any(|known| !known.topics.is_disjoint(&span.topics))
     }
 
+    /// True if a file goes on with a rod's open samples in `tails`, and not with those of the stream, which end earlier: these come from a
+    /// part of an older file.
+    pub fn is_passed_by(&self, tails: &Tails, span: &Span) -> bool {
+        self.rods.chunk_by(|_, next| next.sensor > 0).any(|lanes| {
+            let has_samples = |lane: &Rod| span.topics.contains(&lane.config.displacement.topic);
+            let read_to = lanes.iter().map(|lane| lane.to).max();
+            let tail_to = lanes.first().and_then(|lane| tails.to(&lane.config.rod));
+            lanes.iter().any(|lane| lane.is_begun)
+                && lanes.iter().any(has_samples)
+                && tail_to.is_some_and(|to| to <= span.from.saturating_add(SEAM_NS) && Some(to) >= read_to)
+        })
+    }
+
+    /// Time up to which the latest of its files reaches that has a topic of this span \[ns since 1970\].
+    pub(super) fn reaches(&self, span: &Span) -> Option<u64> {
+        let latest = span.topics.iter().filter_map(|topic| self.ends.get(topic));
+        latest.max().copied()
+    }
+
     /// Adds a file by its span.
     pub fn add(&mut self, span: Span) {
+        for topic in &span.topics {
+            let to = self.ends.entry(topic.clone()).or_default();
+            *to = span.to.max(*to);
+        }
         self.spans.push(span);
     }
 

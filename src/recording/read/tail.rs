@@ -209,6 +209,11 @@ impl Tails {
         })
     }
 
+    /// Log time of the latest message with samples of a rod's, if it waits \[ns since 1970\].
+    pub(super) fn to(&self, rod: &RodId) -> Option<u64> {
+        self.all(|waiting| Some(waiting.get(rod)?.0.to))
+    }
+
     /// True if a rod's waits.
     pub fn has(&self, rod: &RodId) -> bool {
         self.all(|waiting| waiting.contains_key(rod))

@@ -105,9 +105,10 @@ impl Group {
         !is_ready && begins <= self.at()
     }
 
-    /// True if a file can be read as one with the others.
-    pub(super) fn takes(&mut self, span: &Span) -> bool {
-        self.stream.as_mut().is_some_and(|stream| stream.takes(span))
+    /// True if a file can be read as one with the others, and not better with open samples that wait.
+    pub(super) fn takes(&mut self, span: &Span, tails: &Tails) -> bool {
+        let stream = self.stream.as_mut();
+        stream.is_some_and(|stream| stream.takes(span) && !stream.is_passed_by(tails, span))
     }
 
     /// Adds a file.

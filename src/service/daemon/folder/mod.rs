@@ -404,7 +404,9 @@ impl Folder {
                 }
                 let span = self.span_of(&name);
                 if let Some(group) = &mut self.finished
-                    && !span.as_ref().is_some_and(|span| group.takes(span))
+                    && !span
+                        .as_ref()
+                        .is_some_and(|span| group.takes(span, self.joins.tails()))
                 {
                     return Ok(None);
                 }
@@ -417,7 +419,7 @@ impl Folder {
                 Ok(Some((lane, span)))
             });
             match opened {
-                // It has a topic of another one's at the same time, or is read alone: its turn comes when the group is done.
+                // It has a topic of another one's at the same time, goes on elsewhere, or is read alone: its turn comes when the group is done.
                 Ok(None) => {
                     self.is_sealed = true;
                     self.queue.insert((begins, name));

@@ -1,6 +1,7 @@
 //! Numerical tools independent of rods: they import from no other module.
 //!
 //! * [`random`]      seeds and counter-based streams
+//! * `exp`           e^x of many numbers at once
 //! * `simd`          inner loops on the widest vectors a processor has
 //! * [`orthogonal`]  orthogonal polynomials and their quadratures
 //! * [`optimum`]     minima of smooth functions
@@ -9,6 +10,7 @@
 //! * `json_number`   numbers that may not be finite, out of JSON
 
 pub mod diagnostics;
+pub(crate) mod exp;
 pub(crate) mod json_number;
 pub mod optimum;
 pub mod orthogonal;

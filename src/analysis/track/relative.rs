@@ -17,6 +17,7 @@ use super::relative::shift::{
 };
 use super::relative::spread::Spread;
 use super::relative::weighted::{Moments, PER_PARTICLE, lattice, quantiles};
+use crate::numerics::exp::exp_each;
 use crate::numerics::tail::{chi_square_tail, normal_quantile};
 use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
 use nalgebra::{DMatrix, DVector};
@@ -281,11 +282,13 @@ impl Shift {
         }
         for (weight, factor) in weights.iter_mut().zip(factors) {
             *weight = if *factor > 0.0 {
-                factor * libm::exp(*weight - most)
+                *weight - most
             } else {
-                0.0
+                f64::NEG_INFINITY
             };
         }
+        exp_each(weights);
+        (weights.iter_mut().zip(factors)).for_each(|(weight, factor)| *weight *= factor.max(0.0));
         Ok(self.summary(&common, estimate, u, weights))
     }
 
@@ -295,15 +298,11 @@ impl Shift {
         let last = self.forces.len() - 1;
         let moments = Moments::of(weights, u);
         let delta = moments.mean;
-        let (mut ratios, mut forces, mut logs) = (
-            Vec::with_capacity(u.len()),
-            Vec::with_capacity(u.len()),
-            Vec::with_capacity(u.len()),
-        );
-        for (draw, u) in u.iter().enumerate() {
-            let ratio = libm::exp(*u);
+        let mut ratios = u.to_vec();
+        exp_each(&mut ratios);
+        let (mut forces, mut logs) = (Vec::with_capacity(u.len()), Vec::with_capacity(u.len()));
+        for (draw, (u, ratio)) in u.iter().zip(&ratios).enumerate() {
             let particle = (draw % places).min(last);
-            ratios.push(ratio);
             logs.push(self.log_forces[particle] + u);
             forces.push(ratio * self.forces[particle]);
         }

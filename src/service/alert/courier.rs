@@ -389,6 +389,8 @@ impl Courier {
 
     /// Active alarms, except those that later events will report.
     fn standing_before(&self, reader: &Reader, place: Place) -> Result<VecDeque<Message>, Trouble> {
+        // Read before the events: what is raised meanwhile is one of these.
+        let mut standing = self.messages_of_standing(reader)?;
         let mut later = HashSet::new();
         let mut number = place.through;
         loop {
@@ -407,7 +409,6 @@ impl Courier {
             number = last.number;
             later.extend(notices.into_iter().map(|notice| notice.condition));
         }
-        let mut standing = self.messages_of_standing(reader)?;
         standing.retain(|message| !later.contains(&message.conversation()));
         Ok(standing.into())
     }

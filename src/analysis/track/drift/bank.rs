@@ -30,10 +30,10 @@ use rand::{Rng, RngExt};
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-/// Least ln weight in a bank that must keep every member: one may become likely again.
-const LEAST_LN_WEIGHT: f64 = -60.0;
-/// Least ln weight an onset particle keeps: one in two hundred. What is left is a density of its own, so that R stays as rare.
-const NEGLIGIBLE_LN_WEIGHT: f64 = -5.3;
+/// Least weight in a bank that must keep every member: one may become likely again.
+const LEAST_WEIGHT: f64 = 1e-26;
+/// Least weight that an onset particle keeps. What is left is a density of its own, so that R stays as rare.
+const NEGLIGIBLE_WEIGHT: f64 = 0.005;
 
 /// Filters side by side, one per member.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -57,10 +57,8 @@ impl Bank {
 
     /// A copy in which the change has standard deviation `size`, without negligible members.
     pub fn with_change(&self, size: f64) -> Self {
-        let members = self
-            .members
-            .iter()
-            .filter(|member| member.ln_weight >= NEGLIGIBLE_LN_WEIGHT);
+        let members = self.members.iter();
+        let members = members.filter(|member| member.weight >= NEGLIGIBLE_WEIGHT);
         let mut bank = Self {
             day: self.day,
             members: members.cloned().collect(),
@@ -79,16 +77,13 @@ impl Bank {
 
     /// Makes weights sum to one.
     fn normalise(&mut self) {
-        let total = ln_sum(self.members.iter().map(|member| member.ln_weight));
-        self.members
-            .iter_mut()
-            .for_each(|member| member.ln_weight -= total);
+        let total: f64 = self.members.iter().map(|member| member.weight).sum();
+        self.members.iter_mut().for_each(|member| member.weight /= total);
     }
 
     /// Forgets members whose weight is negligible.
     pub fn prune(&mut self) {
-        self.members
-            .retain(|member| member.ln_weight >= NEGLIGIBLE_LN_WEIGHT);
+        self.members.retain(|member| member.weight >= NEGLIGIBLE_WEIGHT);
         self.normalise();
     }
 
@@ -108,11 +103,11 @@ impl Bank {
             row,
             passage,
         });
-        let ln_density = ln_sum(self.members.iter().map(|member| member.ln_weight));
+        let density: f64 = self.members.iter().map(|member| member.weight).sum();
         for member in &mut self.members {
-            member.ln_weight = (member.ln_weight - ln_density).max(LEAST_LN_WEIGHT);
+            member.weight = (member.weight / density).max(LEAST_WEIGHT);
         }
-        ln_density
+        libm::log(density)
     }
 
     /// Narrows the covariances as any ratio of a row would; means, noise and weights stay.
@@ -131,7 +126,7 @@ impl Bank {
         let mut chosen = 0;
         for (at, member) in self.members.iter().enumerate() {
             chosen = at;
-            left -= libm::exp(member.ln_weight);
+            left -= member.weight;
             if left < 0.0 {
                 break;
             }
@@ -159,14 +154,13 @@ impl Bank {
         let fixed = row.x.len() - 2;
         let (mut mean, mut square, mut variance, mut of_coefficients) = (0.0, 0.0, 0.0, 0.0);
         for member in &self.members {
-            let weight = libm::exp(member.ln_weight);
             let ahead = member.ahead(row, &mut along);
             let location = row.ratio - ahead.error;
             let noise = member.noise();
-            mean += weight * location;
-            square += weight * location * location;
-            variance += weight * noise * ahead.total;
-            of_coefficients += weight * noise * quadratic(&member.cov, &row.x, fixed);
+            mean += member.weight * location;
+            square += member.weight * location * location;
+            variance += member.weight * noise * ahead.total;
+            of_coefficients += member.weight * noise * quadratic(&member.cov, &row.x, fixed);
         }
         let between = (square - mean * mean).max(0.0);
         let variance = variance + between;
@@ -199,7 +193,7 @@ impl Bank {
                     of_member += unread_k2 * slopes;
                 }
             }
-            sum += libm::exp(member.ln_weight) * of_member;
+            sum += member.weight * of_member;
         }
         sum.max(0.0)
     }
@@ -208,7 +202,7 @@ impl Bank {
     pub fn change(&self) -> (f64, f64) {
         let (mut mean, mut square, mut variance) = (0.0, 0.0, 0.0);
         for member in &self.members {
-            let weight = libm::exp(member.ln_weight);
+            let weight = member.weight;
             mean += weight * member.mean[0];
             square += weight * member.mean[0] * member.mean[0];
             variance += weight * member.noise() * member.cov[0];
@@ -234,7 +228,8 @@ impl Kernel for Learn<'_> {
         for member in self.members {
             let ahead = member.ahead(self.row, &mut along);
             let (scale2, kicked) = (member.scale2(), KICK * self.passage.of(member).added);
-            let terms = Densities::new(&ahead, kicked, scale2, member.shape, gammas.of(member.shape));
+            let ratio = gammas.ratio(member.shape);
+            let terms = Densities::new(&ahead, kicked, scale2, member.shape, ratio);
             let weighed = [
                 (Term::Usual, usual_share * terms.usual),
                 (Term::Wild, WILD * terms.wild),
@@ -244,7 +239,7 @@ impl Kernel for Learn<'_> {
                 weighed[0],
                 |best, term| if term.1 > best.1 { *term } else { best },
             );
-            member.ln_weight += libm::log(weighed.iter().map(|term| term.1).sum());
+            member.weight *= weighed.iter().map(|term| term.1).sum::<f64>();
             match chosen.0 {
                 Term::Wild => {}
                 Term::Kick => {

@@ -27,18 +27,17 @@ pub(super) struct Densities {
 }
 
 impl Densities {
-    /// Student's t densities with 2 `shape` degrees of freedom, that of a wild reading with three; `ln_gamma` as [`ln_gammas`].
+    /// Student's t densities with 2 `shape` degrees of freedom, that of a wild reading with three; `gammas` as [`Gammas::ratio`].
     #[inline(always)]
-    pub fn new(ahead: &Ahead, kicked: f64, scale2: f64, shape: f64, ln_gamma: f64) -> Self {
+    pub fn new(ahead: &Ahead, kicked: f64, scale2: f64, shape: f64, gammas: f64) -> Self {
         let (square, dof, total) = (ahead.error * ahead.error, 2.0 * shape, ahead.total * scale2);
-        let q = square / (dof * total);
-        let ln_usual = ln_gamma - 0.5 * libm::log(dof * PI * total) - (shape + 0.5) * libm::log1p(q);
-        let usual = libm::exp(ln_usual);
-        // With S' = x S the density is sqrt(1/x) ((1 + q) / (1 + q/x))^(shape + 1/2) times that.
-        let x = 1.0 + kicked / ahead.total;
+        let student = |spread: f64| {
+            let fall = -(shape + 0.5) * libm::log1p(square / spread);
+            gammas / (PI * spread).sqrt() * libm::exp(fall)
+        };
+        let usual = student(dof * total);
         let kick = if kicked > 0.0 {
-            let ln_ratio = shape * libm::log(x) - (shape + 0.5) * libm::log((x + q) / (1.0 + q));
-            libm::exp(ln_usual + ln_ratio)
+            student(dof * (total + kicked * scale2))
         } else {
             usual
         };
@@ -52,12 +51,7 @@ impl Densities {
     }
 }
 
-/// ln Gamma(shape + 1/2) - ln Gamma(shape).
-fn ln_gammas(shape: f64) -> f64 {
-    libm::lgamma(shape + 0.5) - libm::lgamma(shape)
-}
-
-/// Cache of the last value of [`ln_gammas`]: most members share a shape.
+/// Cache of a ratio of gamma functions: most members share a shape.
 #[derive(Default)]
 pub(super) struct Gammas {
     shape: f64,
@@ -65,12 +59,11 @@ pub(super) struct Gammas {
 }
 
 impl Gammas {
-    pub fn of(&mut self, shape: f64) -> f64 {
+    /// Gamma(shape + 1/2) / Gamma(shape).
+    pub fn ratio(&mut self, shape: f64) -> f64 {
         if self.shape != shape {
-            *self = Self {
-                shape,
-                value: ln_gammas(shape),
-            };
+            let value = libm::exp(libm::lgamma(shape + 0.5) - libm::lgamma(shape));
+            *self = Self { shape, value };
         }
         self.value
     }

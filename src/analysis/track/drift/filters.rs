@@ -41,9 +41,6 @@ const TREND_LASTS_D: f64 = 1.0 / 6.0;
 const FRESH: f64 = 0.1;
 /// Readings are sparse if the usual gap exceeds this \[d\].
 const SPARSE_D: f64 = 1.0 / 6.0;
-/// Power of the time by which the mean square change of the air grows within days: at the same hour of days, a correlation near 0.7 from
-/// one to the next and 0.3 after three and a half.
-const WANDERS: f64 = 0.75;
 /// Longest gap that says how the air wanders \[d\]: later its changes grow no more.
 const WANDER_D: f64 = 10.0;
 /// Least weight of the newest change in their mean square.
@@ -182,7 +179,7 @@ impl Filters {
         } else {
             1.0
         };
-        let change_k2 = (celsius - self.celsius).powi(2) / libm::pow(passed_d, WANDERS);
+        let change_k2 = (celsius - self.celsius).powi(2) / wandered(passed_d);
         self.wander_k2 += self.newest * (change_k2 - self.wander_k2);
         let missed_k2_per_d = (celsius - self.air_c(passed_d)).powi(2) / passed_d;
         self.missed_k2_per_d += self.newest * (missed_k2_per_d - self.missed_k2_per_d);
@@ -220,6 +217,12 @@ impl Filters {
     pub fn last_day(&self) -> Option<f64> {
         self.last
     }
+}
+
+/// t^0.75, with which the mean square change of the air grows within days: at the same hour of days, a correlation near 0.7 from one to
+/// the next and 0.3 after three and a half.
+fn wandered(passed_d: f64) -> f64 {
+    (passed_d * passed_d.sqrt()).sqrt()
 }
 
 /// A filter after `passed` days in which the temperature changed linearly from `from` to `to`.

@@ -27,8 +27,7 @@ impl Detector {
             return None;
         }
         let mut bank = self.null.with_change(shape.size());
-        bank.members
-            .retain(|member| libm::exp(member.ln_weight) >= NEGLIGIBLE);
+        bank.members.retain(|member| member.weight >= NEGLIGIBLE);
         bank.prune();
         let mut last = bank.day;
         for (day, columns) in ahead {

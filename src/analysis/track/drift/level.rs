@@ -70,7 +70,7 @@ impl Detector {
         let (mut sum, mut mean, mut square, mut variance) = (0.0, 0.0, 0.0, 0.0);
         for (bank, share) in banks {
             for member in &bank.members {
-                let weight = share * libm::exp(member.ln_weight);
+                let weight = share * member.weight;
                 let explained: f64 = x.iter().zip(&member.mean).map(|(x, mean)| x * mean).sum();
                 sum += weight;
                 mean += weight * explained;

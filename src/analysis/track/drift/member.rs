@@ -14,8 +14,8 @@ const SHAPE: f64 = 2.0;
 pub(super) struct Member {
     /// Index among the prior's members.
     pub which: u8,
-    /// ln of the weight; weights sum to one.
-    pub ln_weight: f64,
+    /// Its weight; those of a bank sum to one.
+    pub weight: f64,
     /// alpha and beta of the noise variance's inverse gamma law.
     pub shape: f64,
     pub rate: f64,
@@ -104,7 +104,7 @@ impl Member {
         }
         Self {
             which: which as u8,
-            ln_weight: libm::log(fluctuation.probability),
+            weight: fluctuation.probability,
             shape: SHAPE,
             rate: 2.0 * (SHAPE - 1.0) * noise,
             mean,
@@ -148,12 +148,12 @@ impl Member {
         let width = self.mean.len();
         let (slow, fast) = (width - 2, width - 1);
         let (f, g) = (decay.fast, decay.slow);
+        let mut at = slow;
         for row in 0..slow {
-            let at = place(width, row, slow);
             self.cov[at] *= g;
             self.cov[at + 1] *= f;
+            at += width - row - 1;
         }
-        let at = place(width, slow, slow);
         self.cov[at] = g * g * self.cov[at] + fluctuation.slow_variance * (1.0 - g * g);
         self.cov[at + 1] *= f * g;
         self.cov[at + 2] = f * f * self.cov[at + 2] + decay.added;

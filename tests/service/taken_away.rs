@@ -3,6 +3,7 @@
 use crate::fault_kinds::{Daemon, SmallDisk, daemon_site, told};
 use crate::site::*;
 use std::fs;
+use std::os::unix::net::UnixStream;
 use std::process::Command;
 use tirante::site::store::Reader;
 
@@ -13,7 +14,8 @@ fn the_removed_file_of_a_unix_socket_is_made_anew() {
     let words = "{\"topic\":\"/north\",\"time\":1767268800000000000,\"values\":[1e-5]}\n{\"end\":true}\n";
     let socket = site.path("socket");
     fs::remove_file(&socket).unwrap();
-    daemon.wait("the file is there again", |_| socket.exists());
+    // The file is there a moment before it listens.
+    daemon.wait("it listens again", |_| UnixStream::connect(&socket).is_ok());
     assert!(told(&site, words).contains("done"));
     daemon.expect("refused", 1.0, "degraded");
     // Another file of that name stays, and is told until it goes.

@@ -255,15 +255,6 @@ impl Kernel for Learn<'_> {
     }
 }
 
-/// ln of the sum of exponentials.
-pub(super) fn ln_sum(terms: impl Iterator<Item = f64> + Clone) -> f64 {
-    let greatest = terms.clone().fold(f64::NEG_INFINITY, f64::max);
-    if greatest == f64::NEG_INFINITY {
-        return greatest;
-    }
-    greatest + libm::log(terms.map(|term| libm::exp(term - greatest)).sum())
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::{Coefficient, Fluctuation, Seen};

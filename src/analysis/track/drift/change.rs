@@ -1,7 +1,6 @@
 //! Onset, size and shape of a change from the onset particles.
 
-use super::bank::ln_sum;
-use super::detector::{Detector, Particle, Shape};
+use super::detector::{Detector, Particle, Shape, ln_sum};
 use super::onset;
 use serde::{Deserialize, Serialize};
 

@@ -12,7 +12,7 @@
 //! time T with R > A hence E T >= A and P(T <= n) <= n / A (Polunchenko, Sokolov, Du 2013; Shin, Ramdas, Rinaldo 2024).
 //! This assumes neither white residuals nor tables.
 
-use super::bank::{Bank, ln_sum};
+use super::bank::Bank;
 use super::member::Passage;
 use super::onset::Onsets;
 use super::prior::BankPrior;
@@ -321,6 +321,15 @@ impl Detector {
         self.particles.clear();
         (self.fresh, self.ramp, self.ramp_periods) = (0, None, 0);
     }
+}
+
+/// ln of the sum of exponentials.
+pub(super) fn ln_sum(terms: impl Iterator<Item = f64> + Clone) -> f64 {
+    let greatest = terms.clone().fold(f64::NEG_INFINITY, f64::max);
+    if greatest == f64::NEG_INFINITY {
+        return greatest;
+    }
+    greatest + libm::log(terms.map(|term| libm::exp(term - greatest)).sum())
 }
 
 #[cfg(test)]

@@ -1,8 +1,7 @@
 //! Change from a level: the part of a period that its columns do not explain, against the mean of earlier
 //! periods.
 
-use super::bank::ln_sum;
-use super::detector::Detector;
+use super::detector::{Detector, ln_sum};
 use super::member::{Member, quadratic};
 use super::prior::Fluctuation;
 use super::row::{COLUMNS, Seen};

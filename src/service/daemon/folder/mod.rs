@@ -404,9 +404,7 @@ impl Folder {
                 }
                 let span = self.span_of(&name);
                 if let Some(group) = &mut self.finished
-                    && !span
-                        .as_ref()
-                        .is_some_and(|span| group.takes(span, self.joins.tails()))
+                    && (span.as_ref()).is_none_or(|span| !group.takes(span, self.joins.tails()))
                 {
                     return Ok(None);
                 }

@@ -287,6 +287,7 @@ pub fn rod(id: &str, count: usize, step: i64, seed: u64) -> RodReport {
                     expected_sd: 0.0022,
                     residual,
                     leverage: 0.03,
+                    unread_sd: None,
                     at_reference: Some(delta - thermal),
                     at_reference_sd: Some(0.0022),
                     temperature_c: Some(temperature),

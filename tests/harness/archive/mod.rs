@@ -268,6 +268,7 @@ pub fn period(index: i64) -> Period {
             expected_sd: 3e-3,
             residual: -1.5,
             leverage: 0.1,
+            unread_sd: None,
             at_reference: Some(-2e-3),
             at_reference_sd: Some(1e-3),
             temperature_c: Some(12.2),

@@ -52,13 +52,13 @@ impl Compensated {
         }
     }
 
-    /// A copy that knows the other rods, too; `has_say`: with its evidence of changes.
-    pub fn with_others(&self, has_say: bool) -> Self {
+    /// One beside it that knows the other rods, too, before its first period.
+    pub fn beside_others(&self, prior: BankPrior) -> Self {
         Self {
-            detector: self.detector.with_others(has_say),
+            detector: Detector::new(prior),
             knows_others: true,
             level: Level::default(),
-            ..self.clone()
+            ..*self
         }
     }
 

@@ -123,33 +123,18 @@ impl Detector {
         }
     }
 
-    /// A copy with the other rods' median and its square as further columns: what is learned and suspected stays, and of these
-    /// coefficients nothing is known yet. `has_say`: with its onset particles.
-    pub(super) fn with_others(&self, has_say: bool) -> Self {
-        let mut wider = self.clone();
-        if !has_say {
-            wider.particles.clear();
-        }
-        let laws = BankPrior::of_median();
-        let particles = wider.particles.iter_mut().map(|particle| &mut particle.bank);
-        for member in particles
-            .chain([&mut wider.null])
-            .flat_map(|bank| &mut bank.members)
-        {
-            member.widen(&laws);
-        }
-        wider.prior.columns.extend(laws);
-        wider
-    }
-
-    /// A period as the banks take it. What the temperature did since its last reading adds one variance for all of them, by the slopes of
-    /// the null bank: no bank may gain from slopes that would make it less.
+    /// A period as the banks take it.
     pub(super) fn row(&self, seen: &Seen) -> Option<Row> {
         let mut row = Row::new(&self.prior, seen)?;
-        row.unread = seen
-            .unread_k2
-            .map_or(0.0, |unread_k2| self.null.unread(unread_k2));
+        row.unread = self.unread(seen);
         Some(row)
+    }
+
+    /// Variance of a ratio by what the temperature did since its last reading. It is one for all banks, by the slopes of the null bank: no
+    /// bank may gain from slopes that would make it less.
+    pub(super) fn unread(&self, seen: &Seen) -> f64 {
+        seen.unread_k2
+            .map_or(0.0, |unread_k2| self.null.unread(unread_k2))
     }
 
     /// Predictive law of a period under no change; `None` for a period that cannot be used.
@@ -163,7 +148,16 @@ impl Detector {
     /// Learns a period; returns its predictive law before it was learned, or `None` for a period that cannot be used (not
     /// finite, another number of columns), which changes nothing.
     pub fn step(&mut self, seen: &Seen) -> Option<Law> {
-        let mut row = self.row(seen)?;
+        self.take(self.row(seen)?, seen)
+    }
+
+    /// Learns a period of which the variance by what the temperature did since its last reading is known.
+    pub(super) fn step_with(&mut self, seen: &Seen, unread: f64) -> Option<Law> {
+        let row = Row::new(&self.prior, seen)?;
+        self.take(Row { unread, ..row }, seen)
+    }
+
+    fn take(&mut self, mut row: Row, seen: &Seen) -> Option<Law> {
         let passage = self.passage(seen.day);
         self.null.advance(&self.prior, &passage);
         let law = self.null.law(&row);

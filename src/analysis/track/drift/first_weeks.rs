@@ -14,7 +14,7 @@ const STEPS: usize = 24;
 const STATED_SD: f64 = 3e-4;
 
 /// Hourly air from 40 days before the first record: season, days of changing amplitude, weather of three days.
-fn air(generator: &mut impl rand::Rng, days: usize) -> Vec<f64> {
+pub(super) fn air(generator: &mut impl rand::Rng, days: usize) -> Vec<f64> {
     let phase: f64 = generator.random_range(0.0..TAU);
     let (mut clear, mut weather) = (0.0, 0.0);
     let mut normal = |sd: f64| -> f64 {

@@ -2,7 +2,7 @@
 //!
 //! Its covariance is kept as the upper triangle by rows.
 
-use super::prior::{BankPrior, Coefficient, Fluctuation};
+use super::prior::{BankPrior, Fluctuation};
 use super::row::Row;
 use serde::{Deserialize, Serialize};
 
@@ -110,27 +110,6 @@ impl Member {
             mean,
             cov,
         }
-    }
-
-    /// Adds columns after the last, their coefficients independent of all else. The noise beside them may be far less: its scale is
-    /// no surer than beforehand.
-    pub fn widen(&mut self, laws: &[Coefficient]) {
-        let (old, fixed, noise) = (self.mean.len(), self.mean.len() - 2, self.scale2());
-        let width = old + laws.len();
-        let moved = |at: usize| if at < fixed { at } else { at + laws.len() };
-        let mut cov = vec![0.0; width * (width + 1) / 2];
-        for row in 0..old {
-            for column in row..old {
-                cov[place(width, moved(row), moved(column))] = self.cov[place(old, row, column)];
-            }
-        }
-        for (at, law) in (fixed..).zip(laws) {
-            cov[place(width, at, at)] = law.sd * law.sd / noise;
-        }
-        self.cov = cov;
-        let shape = self.shape.min(SHAPE);
-        (self.rate, self.shape) = (self.rate * shape / self.shape, shape);
-        self.mean.splice(fixed..fixed, laws.iter().map(|law| law.mean));
     }
 
     /// beta / alpha.

@@ -19,6 +19,8 @@
 //! * [`watch`]      the detectors of one rod, and their joint finding
 
 pub mod bank;
+#[cfg(test)]
+mod beside_others;
 pub mod change;
 pub mod companions;
 mod compensated;

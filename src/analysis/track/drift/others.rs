@@ -123,6 +123,17 @@ impl<'a> Others<'a> {
         })
     }
 
+    /// Number of them that were measured in a period.
+    pub(crate) fn measured(&self, index: i64, period_s: f64) -> usize {
+        let measured = |rod: &&&dyn Neighbour| rod.ratio_in(index, period_s).is_some();
+        self.0.iter().filter(measured).count()
+    }
+
+    /// True once all of them have a baseline.
+    pub(crate) fn are_all_known(&self) -> bool {
+        self.0.iter().all(|rod| rod.last_period().is_some())
+    }
+
     /// Those of which a period ended of late: what a rod showed before its sensor died counts no more.
     fn followed(&self, index: i64) -> impl Iterator<Item = &dyn Neighbour> {
         let is_recent = move |last: i64| index.saturating_sub(last) <= i64::from(PATIENCE);

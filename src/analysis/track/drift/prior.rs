@@ -128,13 +128,8 @@ impl BankPrior {
     /// square.
     pub fn thermal_and_peers(stated_sd: f64, thermal: ThermalPrior) -> Self {
         let mut prior = Self::thermal(stated_sd, thermal);
-        prior.columns.extend(Self::of_median());
+        prior.columns.extend(MEDIAN_SD.map(centred));
         prior
-    }
-
-    /// Laws of the coefficients of the other rods' median beside a thermometer, and of its square.
-    pub(super) fn of_median() -> [Coefficient; 2] {
-        MEDIAN_SD.map(centred)
     }
 
     /// Other rods only: their median, its square, a yearly pair.

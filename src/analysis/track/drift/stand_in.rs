@@ -7,23 +7,28 @@ use super::watch::{DriftWatch, Finding, Terms, Witness};
 use super::{Filters, ThermalPrior};
 use crate::numerics::random;
 use rand_distr::{Distribution, StandardNormal};
+use std::collections::BTreeMap;
 
 const DAY_S: f64 = 86_400.0;
 const LIMIT: f64 = 3652.0;
 const NOISE: f64 = 0.002;
 
+pub(super) type Ratios = BTreeMap<i64, f64>;
+
 /// Another rod as it shows itself in one period.
 #[derive(Debug)]
-struct Rod {
-    name: &'static str,
-    ratio: Option<f64>,
-    index: i64,
-    moved: Option<Moved>,
+pub(super) struct Rod {
+    pub name: &'static str,
+    /// Ratios by period.
+    pub ratios: Ratios,
+    /// Its last period; `None` before it has a baseline.
+    pub last: Option<i64>,
+    pub moved: Option<Moved>,
 }
 
 /// A change that another rod shows.
 #[derive(Debug, Clone, Copy)]
-struct Moved {
+pub(super) struct Moved {
     day: f64,
     size: f64,
 }
@@ -32,14 +37,14 @@ impl Neighbour for Rod {
     fn name(&self) -> &str {
         self.name
     }
-    fn ratio_in(&self, _: i64, _: f64) -> Option<f64> {
-        self.ratio
+    fn ratio_in(&self, index: i64, _: f64) -> Option<f64> {
+        self.ratios.get(&index).copied()
     }
     fn untaken_residual(&self) -> Option<f64> {
         None
     }
     fn last_period(&self) -> Option<i64> {
-        Some(self.index)
+        self.last
     }
     fn evidence(&self, since: Option<f64>) -> f64 {
         let is_younger = |moved: &Moved| since.is_none_or(|since| moved.day > since);
@@ -75,6 +80,9 @@ impl Neighbour for Rod {
 struct Site {
     watch: DriftWatch,
     filters: Filters,
+    /// Periods so far, and the other rods' ratios.
+    periods: Vec<Period>,
+    ratios: BTreeMap<&'static str, Ratios>,
     limit: f64,
     /// True if findings are new for ever.
     is_new: bool,
@@ -122,6 +130,25 @@ fn air(day: i64) -> f64 {
     10.0 + 6.0 * (day / 58.0).sin() + 3.0 * (1.7 * day).sin() + 2.0 * (day / 3.1).cos()
 }
 
+/// A period of one record.
+pub(super) fn period(index: i64, delta: f64, filtered_c: Option<[f64; FILTERS_D.len()]>) -> Period {
+    Period {
+        index,
+        start: start_of(index, DAY_S),
+        began: None,
+        measured: None,
+        records: 1,
+        delta,
+        delta_sd: NOISE,
+        filtered_c,
+        unread_k2: None,
+        lagged_c: None,
+        misfit: Vec::new(),
+        not_axial_p: 1.0,
+        charted: None,
+    }
+}
+
 /// An error of a period, another for every source.
 fn noise(day: i64, source: u64) -> f64 {
     let draw: f64 = StandardNormal.sample(&mut random::stream(source, day as u64));
@@ -133,6 +160,8 @@ impl Site {
         Self {
             watch: DriftWatch::new(0.0, NOISE),
             filters: Filters::default(),
+            periods: Vec::new(),
+            ratios: BTreeMap::new(),
             limit: LIMIT,
             is_new: false,
             found: Vec::new(),
@@ -160,32 +189,25 @@ impl Site {
             }
             let rods: Vec<Rod> = (1..)
                 .zip(&today.others)
-                .map(|(source, &(name, slope))| Rod {
-                    name,
-                    ratio: slope.map(|slope| {
-                        slope * warmer + noise(index, source) - if source == 1 { today.loss } else { 0.0 }
-                    }),
-                    index,
-                    moved: today.moved,
+                .map(|(source, &(name, slope))| {
+                    let loss = if source == 1 { today.loss } else { 0.0 };
+                    let ratio = slope.map(|slope| slope * warmer + noise(index, source) - loss);
+                    let ratios = self.ratios.entry(name).or_default();
+                    ratios.extend(ratio.map(|ratio| (index, ratio)));
+                    Rod {
+                        name,
+                        ratios: ratios.clone(),
+                        last: Some(index),
+                        moved: today.moved,
+                    }
                 })
                 .collect();
             let others = Others::new(&rods);
-            let period = Period {
-                index,
-                start: start_of(index, DAY_S),
-                began: None,
-                measured: None,
-                records: 1,
-                delta: -0.01 * warmer + noise(index, 0) + today.change,
-                delta_sd: NOISE,
-                filtered_c: today.read_c.map(|celsius| [celsius; FILTERS_D.len()]),
-                unread_k2: None,
-                lagged_c: None,
-                misfit: Vec::new(),
-                not_axial_p: 1.0,
-                charted: None,
-            };
-            self.watch.step(&terms, &period, false, &others, DAY_S);
+            let delta = -0.01 * warmer + noise(index, 0) + today.change;
+            let filtered_c = today.read_c.map(|celsius| [celsius; FILTERS_D.len()]);
+            let mut period = period(index, delta, filtered_c);
+            period.charted = Some((self.watch).step(&terms, &period, &self.periods, false, &others, DAY_S));
+            self.periods.push(period);
             self.found.push(self.watch.finding(&others, index, self.is_new));
         }
         self

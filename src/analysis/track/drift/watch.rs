@@ -15,13 +15,13 @@
 //! median waits a few periods while a rod in the median shows a larger one. Once that rod is reported, the
 //! median goes on without its change.
 
+mod beside;
 mod evidence;
 mod finding;
 
 pub(crate) use finding::Finding;
 pub use finding::Witness;
 
-use super::companions;
 use super::compensated::Compensated;
 use super::others::Others;
 use super::period::{Charted, Evidence, Period};
@@ -82,6 +82,10 @@ pub struct DriftWatch {
     by_temperature_until: Looked,
     by_others_until: Looked,
     by_both_until: Looked,
+    /// Number of periods in which enough other rods were measured, before they joined.
+    awaited: u32,
+    /// Start of the first period with their median \[d\]; `None` before.
+    beside_since: Option<f64>,
     /// True once this rod moved together with others of which one reported it.
     has_joined: bool,
     /// Sources of the last period: temperature, other rods.
@@ -140,6 +144,8 @@ impl DriftWatch {
             by_temperature_until: Looked::default(),
             by_others_until: Looked::default(),
             by_both_until: Looked::default(),
+            awaited: 0,
+            beside_since: None,
             has_joined: false,
             last: Sources::default(),
             above: Above::default(),
@@ -157,30 +163,33 @@ impl DriftWatch {
         self.compensated.is_some()
     }
 
-    /// Takes a period; `median`: that of the other rods' ratios.
+    /// Takes a period; `history`: those before it, ascending.
     pub(crate) fn step(
         &mut self,
         terms: &Terms,
         period: &Period,
+        history: &[Period],
         is_sparse: bool,
         others: &Others,
         period_s: f64,
     ) -> Charted {
         self.limit = terms.limit;
         let (day, measured) = (period.start.days(), period.time().days());
-        let found = self.companions.take(others.in_period(period.index, period_s));
+        self.begin(terms, period);
+        self.await_others(terms, period, history, is_sparse, others, period_s);
+        let found = self.take_others(period, others, period_s);
         let median = found.ratio;
         self.without_others = match median {
             Some(_) => 0,
             None if found.has_few => u32::MAX,
             None => self.without_others.saturating_add(1),
         };
-        self.begin(terms, period, median.is_some());
         let regressors = Regressors {
             reference_c: 0.0,
             origin: self.origin,
         };
         let mut law = None;
+        let (mut by_temperature, mut unread) = (None, 0.0);
         let mut seen_alone = None;
         self.last = Sources::default();
         if let Some(compensated) = &mut self.compensated
@@ -192,6 +201,7 @@ impl DriftWatch {
             let is_told = self.above.any();
             compensated.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
             let seen = seen(period, &columns, compensated.knows_temperature);
+            unread = compensated.detector.unread(&seen);
             law = compensated.detector.step(&seen);
             seen_alone = Some(columns);
             self.last.temperature = law.is_some();
@@ -204,18 +214,18 @@ impl DriftWatch {
             let is_told = self.above.any();
             alone.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
             let seen = seen(period, &columns, alone.knows_temperature);
-            let by_temperature = alone.detector.step(&seen);
+            unread = alone.detector.unread(&seen);
+            by_temperature = alone.detector.step(&seen);
             self.last.alone = by_temperature.is_some();
-            if self.are_others_late || self.without_others > companions::PATIENCE {
-                self.last.temperature |= by_temperature.is_some();
-                law = law.or(by_temperature);
-            }
             seen_alone = Some(columns);
         }
-        if let Some(median) = median {
-            let peers = self
-                .peers
-                .get_or_insert_with(|| Detector::new(BankPrior::peers(self.noise_sd)));
+        if self.stands_in() {
+            self.last.temperature |= by_temperature.is_some();
+            law = by_temperature.or(law);
+        }
+        if let Some(median) = median
+            && let Some(peers) = &mut self.peers
+        {
             let seen_law = peers.step(&seen(period, &regressors.peers(day, median), false));
             self.last.others = seen_law.is_some();
             law = law.or(seen_law);
@@ -248,6 +258,7 @@ impl DriftWatch {
             expected_sd: law.sd,
             residual: law.residual(period.delta),
             leverage: law.leverage,
+            unread_sd: Some(unread.sqrt()).filter(|sd| *sd > 0.0),
             at_reference: at_reference.map(|change| change.0),
             at_reference_sd: at_reference.map(|change| change.1),
             temperature_c: period
@@ -260,33 +271,6 @@ impl DriftWatch {
                 peers: (self.peers.as_ref().filter(|_| self.last.others)).map(|one| over(one.statistic())),
                 blind: Some(over(self.blind.statistic_since(blind_since))),
             },
-        }
-    }
-
-    /// Begins the compensated detector with the first period that has its inputs. Once there are other rods, one with them goes on
-    /// beside it, with all it learned.
-    fn begin(&mut self, terms: &Terms, period: &Period, has_median: bool) {
-        if self.compensated.is_none() {
-            let (prior, reference_c) = match terms.thermal {
-                None => (BankPrior::unmoved(self.noise_sd), 0.0),
-                Some(thermal) => {
-                    let (Some(reference_c), Some(_)) = (terms.reference_c, period.filtered_c) else {
-                        return;
-                    };
-                    (BankPrior::thermal(self.noise_sd, thermal), reference_c)
-                }
-            };
-            let (origin, knows_temperature) = (period.start.days(), terms.thermal.is_some());
-            self.compensated = Some(Compensated::new(prior, reference_c, origin, knows_temperature));
-        }
-        let is_alone = |one: &Compensated| one.knows_temperature && !one.knows_others;
-        if has_median
-            && period.filtered_c.is_some()
-            && let Some(alone) = self.compensated.take_if(|one| is_alone(one))
-        {
-            // Of a watch made anew, the other rods had their say on what began before.
-            self.compensated = Some(alone.with_others(self.by_both_until.until.is_none()));
-            self.by_temperature = Some(alone);
         }
     }
 
@@ -406,7 +390,7 @@ mod tests {
                 not_axial_p: 1.0,
                 charted: None,
             };
-            let charted = watch.step(&terms(), &period, false, &Others::default(), DAY_S);
+            let charted = watch.step(&terms(), &period, &[], false, &Others::default(), DAY_S);
             (charted, watch.finding(&Others::default(), index, false))
         };
         (0..days).map(one).collect()

@@ -179,7 +179,7 @@ impl EarlyWatch {
             DriftWatch::new(period.start.days(), period.delta_sd.max(f64::MIN_POSITIVE))
         });
         let others = Others::default();
-        let charted = watch.step(&terms, &period, self.filters.is_sparse(), &others, period_s);
+        let charted = watch.step(&terms, &period, &[], self.filters.is_sparse(), &others, period_s);
         self.is_suspect = is_suspect(&charted);
         // There are no others: what moves, moves alone.
         match watch.finding(&others, index, false) {

@@ -125,7 +125,8 @@ fn watch(tracker: &mut Tracker, period: &mut Period, others: &Others) {
         .watch
         .get_or_insert_with(|| DriftWatch::new(period.start.days(), noise_sd));
     let is_sparse = state.filters.is_sparse();
-    period.charted = Some(watch.step(&terms, period, is_sparse, others, plan.track.period_s));
+    let (history, period_s) = (&state.periods, plan.track.period_s);
+    period.charted = Some(watch.step(&terms, period, history, is_sparse, others, period_s));
     period.unread_k2 = None;
 }
 

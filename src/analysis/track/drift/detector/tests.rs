@@ -291,50 +291,6 @@ fn absurd_errors_are_survived() {
     }
 }
 
-/// Further columns change nothing as long as they are zero, and before the first period they are those of the prior.
-#[test]
-fn other_rods_join_what_is_learned() {
-    let thermal = crate::track::drift::ThermalPrior {
-        slope_mean_per_k: -0.01,
-        slope_sd_per_k: 0.01,
-        curvature_sd_per_k2: 1e-5,
-        is_sparse: false,
-    };
-    let mut detector = Detector::new(BankPrior::thermal(NOISE, thermal));
-    let both = Detector::new(BankPrior::thermal_and_peers(NOISE, thermal));
-    assert_eq!(detector.with_others(true), both);
-    let mut columns = [0.0; 13];
-    for day in 0..60 {
-        let warmer = 5.0 * f64::from(day).sin();
-        columns[..6].fill(warmer);
-        let ratio = -0.01 * warmer - if day < 40 { 0.0 } else { 0.01 };
-        detector
-            .step(&seen(f64::from(day), ratio, &columns[..11]))
-            .unwrap();
-    }
-    columns[..6].fill(3.0);
-    let law = detector.predict(&seen(60.0, 0.0, &columns[..11])).unwrap();
-    let wider = detector.with_others(true);
-    let with_others = wider.predict(&seen(60.0, 0.0, &columns)).unwrap();
-    assert!((law.mean - with_others.mean).abs() < 1e-12 && with_others.sd > law.sd);
-    assert_eq!(wider.statistic(), detector.statistic());
-    assert_eq!(wider.size_since(None), detector.size_since(None));
-    let fresh = detector.with_others(false);
-    assert!(fresh.statistic() == 0.0 && fresh.null == wider.null);
-    // What the median explains is learned.
-    let mut wider = fresh;
-    for day in 60..90 {
-        columns[11] = 0.02 * (0.7 * f64::from(day)).cos();
-        columns[12] = columns[11] * columns[11];
-        let ratio = -0.03 - 0.01 + 0.8 * columns[11];
-        wider.step(&seen(f64::from(day), ratio, &columns)).unwrap();
-    }
-    assert!(wider.statistic() < 3652.0, "{}", wider.statistic());
-    let law = wider.predict(&seen(90.0, 0.0, &columns)).unwrap();
-    let expected = -0.04 + 0.8 * columns[11];
-    assert!((law.mean - expected).abs() < law.sd && law.sd < 0.003, "{law:?}");
-}
-
 /// A rod with far less noise than expected beforehand tells a loss as soon as any.
 #[test]
 fn a_quiet_rod_tells_one_per_cent_with_its_second_period() {

@@ -170,10 +170,14 @@ impl DriftWatch {
         peers.filter(|_| self.without_others <= companions::PATIENCE)
     }
 
-    /// Compensated detector in use: that with the other rods, unless they are absent.
+    /// True if the detector with temperature only is in use beside one with the other rods, too.
+    pub(super) fn stands_in(&self) -> bool {
+        self.are_others_late || self.without_others > companions::PATIENCE || self.knows_too_little()
+    }
+
+    /// Compensated detector in use: that with the other rods, unless they are absent or new.
     pub(super) fn watching(&self) -> Option<&Compensated> {
-        let stands_in = self.are_others_late || self.without_others > companions::PATIENCE;
-        let alone = self.by_temperature.as_ref().filter(|_| stands_in);
+        let alone = self.by_temperature.as_ref().filter(|_| self.stands_in());
         alone.or(self.compensated.as_ref())
     }
 

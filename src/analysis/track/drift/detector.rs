@@ -309,6 +309,11 @@ impl Detector {
         self.prior.set_sparse(is_sparse);
     }
 
+    /// Forgets the changes it suspects; what it learned stays.
+    pub(super) fn forget_suspicions(&mut self) {
+        self.particles.clear();
+    }
+
     /// Restarts after an accepted change: coefficients stay known, the level is learned again, R is zero.
     pub fn restart(&mut self) {
         self.null.loosen(&self.prior);

@@ -91,6 +91,12 @@ pub trait Neighbour: Debug + Sync {
     /// True if an alarm raised by its evidence is active: a drift, or a change that is not axial.
     fn drifts(&self) -> bool;
 
+    /// True if the change of such an alarm may be in a period, of the past, too.
+    fn drifts_in(&self, index: i64, period_s: f64) -> bool;
+
+    /// True if it has a baseline.
+    fn has_baseline(&self) -> bool;
+
     /// True if the other rods confirm its drift: it moves by itself.
     fn is_confirmed(&self) -> bool;
 
@@ -119,19 +125,23 @@ impl<'a> Others<'a> {
             rod: rod.name(),
             ratio: rod.ratio_in(index, period_s),
             is_in_doubt: rod.is_in_doubt(index, period_s),
-            drift: rod.drifts().then(|| rod.moved_beside_others()),
+            drift: (rod.drifts_in(index, period_s)).then(|| rod.moved_beside_others()),
         })
     }
 
-    /// Number of them that were measured in a period.
-    pub(crate) fn measured(&self, index: i64, period_s: f64) -> usize {
-        let measured = |rod: &&&dyn Neighbour| rod.ratio_in(index, period_s).is_some();
-        self.0.iter().filter(measured).count()
+    /// Number of them that are followed and have a baseline.
+    pub(crate) fn known(&self, index: i64) -> usize {
+        self.followed(index).filter(|rod| rod.has_baseline()).count()
     }
 
     /// True once all of them have a baseline.
     pub(crate) fn are_all_known(&self) -> bool {
-        self.0.iter().all(|rod| rod.last_period().is_some())
+        self.0.iter().all(|rod| rod.has_baseline())
+    }
+
+    /// Newest period of any that ended.
+    pub(crate) fn newest_period(&self) -> Option<i64> {
+        self.0.iter().filter_map(|rod| rod.last_period()).max()
     }
 
     /// Those of which a period ended of late: what a rod showed before its sensor died counts no more.

@@ -89,7 +89,7 @@ pub struct Charted {
     pub at_reference: Option<f64>,
     /// Its standard error: noise, fluctuation and uncertainty of the effect of temperature.
     pub at_reference_sd: Option<f64>,
-    /// Standard error of delta by what the temperature did since its last reading; `None` where readings are dense.
+    /// Standard error of delta by what the temperature did since its last reading; `None` where each record lies between dense readings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unread_sd: Option<f64>,
     /// The rod's temperature: the low pass of six hours, or of the declared lag \[degC\]; `None` without

@@ -24,6 +24,8 @@ pub(super) struct Rod {
     /// Its last period; `None` before it has a baseline.
     pub last: Option<i64>,
     pub moved: Option<Moved>,
+    /// Period from which on it is told to drift, and size.
+    pub drift: Option<(i64, f64)>,
 }
 
 /// A change that another rod shows.
@@ -60,13 +62,19 @@ impl Neighbour for Rod {
         None
     }
     fn moved_beside_others(&self) -> f64 {
-        0.0
+        self.drift.map_or(0.0, |(_, size)| size)
     }
     fn is_in_doubt(&self, _: i64, _: f64) -> bool {
         false
     }
     fn drifts(&self) -> bool {
-        false
+        self.drift.is_some()
+    }
+    fn drifts_in(&self, index: i64, _: f64) -> bool {
+        self.drift.is_some_and(|(since, _)| index >= since)
+    }
+    fn has_baseline(&self) -> bool {
+        self.last.is_some()
     }
     fn is_confirmed(&self) -> bool {
         false
@@ -199,6 +207,7 @@ impl Site {
                         ratios: ratios.clone(),
                         last: Some(index),
                         moved: today.moved,
+                        drift: None,
                     }
                 })
                 .collect();

@@ -2,9 +2,10 @@
 //! periods, and their joint finding.
 //!
 //! ```text
-//! compensated   temperature, and the median of the other rods if there are two at least   drift
-//! peers         the other rods alone                                                      confirms, or stands in
-//! blind         nothing but the rod                                                       stands in
+//! compensated      temperature, and the median of the other rods once two at least joined   drift
+//! by_temperature   temperature alone, once they joined                                      stands in
+//! peers            the other rods alone                                                     confirms, or stands in
+//! blind            nothing but the rod                                                      stands in
 //! ```
 //!
 //! A drifting thermometer moves every rod's compensated detector, but not the rods relative to each other: a
@@ -82,10 +83,10 @@ pub struct DriftWatch {
     by_temperature_until: Looked,
     by_others_until: Looked,
     by_both_until: Looked,
-    /// Number of periods in which enough other rods were measured, before they joined.
-    awaited: u32,
-    /// Start of the first period with their median \[d\]; `None` before.
-    beside_since: Option<f64>,
+    /// Newest period of the site when enough other rods had a baseline.
+    awaited_since: Option<i64>,
+    /// Start of the first record from which on the other rods' median is known \[d\]; `None` before they joined.
+    others_since: Option<f64>,
     /// True once this rod moved together with others of which one reported it.
     has_joined: bool,
     /// Sources of the last period: temperature, other rods.
@@ -144,8 +145,8 @@ impl DriftWatch {
             by_temperature_until: Looked::default(),
             by_others_until: Looked::default(),
             by_both_until: Looked::default(),
-            awaited: 0,
-            beside_since: None,
+            awaited_since: None,
+            others_since: None,
             has_joined: false,
             last: Sources::default(),
             above: Above::default(),
@@ -202,7 +203,7 @@ impl DriftWatch {
             compensated.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
             let seen = seen(period, &columns, compensated.knows_temperature);
             unread = compensated.detector.unread(&seen);
-            law = compensated.detector.step(&seen);
+            law = compensated.detector.step_with(&seen, unread);
             seen_alone = Some(columns);
             self.last.temperature = law.is_some();
             self.last.alone = law.is_some() && !compensated.knows_others;
@@ -215,7 +216,7 @@ impl DriftWatch {
             alone.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
             let seen = seen(period, &columns, alone.knows_temperature);
             unread = alone.detector.unread(&seen);
-            by_temperature = alone.detector.step(&seen);
+            by_temperature = alone.detector.step_with(&seen, unread);
             self.last.alone = by_temperature.is_some();
             seen_alone = Some(columns);
         }
@@ -258,7 +259,7 @@ impl DriftWatch {
             expected_sd: law.sd,
             residual: law.residual(period.delta),
             leverage: law.leverage,
-            unread_sd: Some(unread.sqrt()).filter(|sd| *sd > 0.0),
+            unread_sd: Some(unread.sqrt()).filter(|sd| *sd > 0.0 && sd.is_finite()),
             at_reference: at_reference.map(|change| change.0),
             at_reference_sd: at_reference.map(|change| change.1),
             temperature_c: period

@@ -19,6 +19,8 @@ use serde::{Deserialize, Serialize};
 
 /// Periods after an alarm within which the size of its change may be unknown: a large one is sure within three.
 const DOUBT_PERIODS: i64 = 5;
+/// Periods before an alarm that may hold the change already: it is told with its second or third record.
+const BEFORE_DOUBT: i64 = 2;
 
 /// A stretch of history with one baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -345,17 +347,36 @@ impl Neighbour for State {
     }
 
     fn is_in_doubt(&self, index: i64, period_s: f64) -> bool {
-        let is_young = |alarm: &Alarm| {
-            let periods = index.saturating_sub(period::index_of(alarm.raised, period_s));
-            let is_change = matches!(alarm.kind, Kind::Drift | Kind::NotAxial | Kind::Limit);
-            is_change && alarm.cleared.is_none() && periods <= DOUBT_PERIODS
-        };
         let knows_size = self.watch.get().is_some_and(DriftWatch::knows_what_moved);
-        self.holds(Kind::Suspected) || (!knows_size && self.alarms.iter().any(is_young))
+        let is_doubtful = |alarm: &Alarm| {
+            let periods = index.saturating_sub(period::index_of(alarm.raised, period_s));
+            let most = match alarm.kind {
+                Kind::Suspected => i64::MAX,
+                Kind::Drift | Kind::NotAxial | Kind::Limit if !knows_size => DOUBT_PERIODS,
+                _ => return false,
+            };
+            alarm.cleared.is_none() && (-BEFORE_DOUBT..=most).contains(&periods)
+        };
+        self.alarms.iter().any(is_doubtful)
     }
 
     fn drifts(&self) -> bool {
         self.holds(Kind::Drift) || self.watches.stands(Cause::Pattern)
+    }
+
+    fn drifts_in(&self, index: i64, period_s: f64) -> bool {
+        let began = |alarm: &Alarm| {
+            let onset = alarm.change.as_ref().map(|change| change.onset_q025);
+            period::index_of(onset.unwrap_or(alarm.raised), period_s)
+        };
+        let is_change =
+            |alarm: &&Alarm| alarm.cleared.is_none() && matches!(alarm.kind, Kind::Drift | Kind::NotAxial);
+        let onset = self.alarms.iter().filter(is_change).map(began).min();
+        self.drifts() && onset.is_none_or(|onset| index >= onset)
+    }
+
+    fn has_baseline(&self) -> bool {
+        self.segment.baseline.is_some()
     }
 
     fn is_confirmed(&self) -> bool {
@@ -383,7 +404,31 @@ fn three_digits(percent: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::three_digits;
+    use super::*;
+
+    /// What other rods are told of the past when they join: a change is in no period before it.
+    #[test]
+    fn alarms_count_for_the_periods_of_their_change() {
+        const DAY_S: f64 = 86_400.0;
+        let rod = RodId(String::from("a"));
+        let of = |kind| {
+            let mut state = State::new(rod.clone(), String::new());
+            let raised = Timestamp::from_nanos(50 * 86_400_000_000_000);
+            let alarm = Alarm::new(&rod, kind, 1, raised, String::new());
+            state.alarms.push(alarm);
+            state
+        };
+        let doubtful =
+            |state: &State| -> Vec<i64> { (0..90).filter(|day| state.is_in_doubt(*day, DAY_S)).collect() };
+        let drifting =
+            |state: &State| -> Vec<i64> { (0..90).filter(|day| state.drifts_in(*day, DAY_S)).collect() };
+        let suspected = of(Kind::Suspected);
+        assert_eq!(doubtful(&suspected), (48..90).collect::<Vec<_>>());
+        assert!(drifting(&suspected).is_empty());
+        let drift = of(Kind::Drift);
+        assert_eq!(doubtful(&drift), (48..=55).collect::<Vec<_>>());
+        assert_eq!(drifting(&drift), (50..90).collect::<Vec<_>>());
+    }
 
     #[test]
     fn a_small_percentage_is_not_zero() {

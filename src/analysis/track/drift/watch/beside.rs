@@ -5,15 +5,16 @@
 //! the level of the weeks before would seem to have changed with it. Of 48 rods beside two others with a reading a day 26 told a change in a
 //! year for it, and none does now (`beside_others.rs`).
 
-use super::DriftWatch;
-use super::{Terms, seen};
+use super::evidence::latest;
+use super::{DriftWatch, Terms, seen};
+use crate::signal::record::time::YEAR_D;
 use crate::track::drift::companions::{self, Median};
 use crate::track::drift::compensated::Compensated;
 use crate::track::drift::others::Others;
 use crate::track::drift::period::Period;
 use crate::track::drift::{BankPrior, Companions, Detector, Regressors};
 
-/// Number of periods after which a detector knows as much as it needs to take over.
+/// Least number of periods of a detector that takes over from one that has more: those of a usual baseline.
 const LEARNED_PERIODS: usize = 30;
 
 impl DriftWatch {
@@ -38,8 +39,7 @@ impl DriftWatch {
         }
     }
 
-    /// Lets the other rods join once two were measured in a period and all have a baseline. Those that get none for long are not waited
-    /// for.
+    /// Lets the other rods join once two are followed and all have a baseline. Those that get none for long are not waited for.
     pub(super) fn await_others(
         &mut self,
         terms: &Terms,
@@ -49,11 +49,15 @@ impl DriftWatch {
         others: &Others,
         period_s: f64,
     ) {
-        if self.peers.is_some() || others.measured(period.index, period_s) < companions::FEWEST {
+        if self.peers.is_some() || others.known(period.index) < companions::FEWEST {
             return;
         }
-        self.awaited += 1;
-        if !others.are_all_known() && self.awaited <= companions::PATIENCE {
+        // The periods of a baseline close at once when it is there: waiting is counted by the site's newest.
+        let newest = others
+            .newest_period()
+            .map_or(period.index, |newest| newest.max(period.index));
+        let waited = newest.saturating_sub(*self.awaited_since.get_or_insert(newest));
+        if !others.are_all_known() && waited <= i64::from(companions::PATIENCE) {
             return;
         }
         self.set_beside_others(terms);
@@ -63,25 +67,33 @@ impl DriftWatch {
         };
         let mut peers = Detector::new(BankPrior::peers(self.noise_sd));
         self.companions = Companions::default();
+        self.others_since = None;
         // A change that was accepted in between is no part of what is learned.
         let since = history.len().saturating_sub(self.blind.fresh());
-        for period in history.iter().skip(since) {
-            let found = self.companions.take(others.in_period(period.index, period_s));
+        for past in history.iter().skip(since) {
+            let found = self.companions.take(others.in_period(past.index, period_s));
             let Some(median) = found.ratio else { continue };
-            let day = period.start.days();
-            self.beside_since = self.beside_since.or(Some(period.began().days()));
-            peers.step(&seen(period, &regressors.peers(day, median), false));
+            let day = past.start.days();
+            self.others_since.get_or_insert(past.began().days());
+            peers.step(&seen(past, &regressors.peers(day, median), false));
             if let Some(both) = self.compensated.as_mut().filter(|one| one.knows_others)
-                && let Some(columns) = both.columns(day, period.filtered_c.as_ref(), Some(median))
+                && let Some(columns) = both.columns(day, past.filtered_c.as_ref(), Some(median))
             {
                 both.detector.set_sparse(is_sparse);
-                let unread_sd = period.charted.and_then(|charted| charted.unread_sd);
+                let unread_sd = past.charted.and_then(|charted| charted.unread_sd);
                 let unread = unread_sd.unwrap_or(0.0).powi(2);
-                both.detector.step_with(&seen(period, &columns, true), unread);
+                both.detector.step_with(&seen(past, &columns, true), unread);
+            }
+        }
+        // Of a watch made anew, the other rods had their say on the periods before.
+        if self.by_both_until.until.is_some() {
+            peers.forget_suspicions();
+            if let Some(both) = self.compensated.as_mut().filter(|one| one.knows_others) {
+                both.detector.forget_suspicions();
             }
         }
         self.peers = Some(peers);
-        self.beside_since = self.beside_since.or(Some(period.began().days()));
+        self.others_since.get_or_insert(period.began().days());
     }
 
     /// Sets a detector with temperature and the other rods beside the one with temperature, if there is one.
@@ -95,7 +107,7 @@ impl DriftWatch {
         }
     }
 
-    /// The other rods in a period, once they joined.
+    /// The other rods in a period; none before they joined.
     pub(super) fn take_others(&mut self, period: &Period, others: &Others, period_s: f64) -> Median {
         if self.peers.is_none() {
             return Median {
@@ -106,15 +118,50 @@ impl DriftWatch {
         self.companions.take(others.in_period(period.index, period_s))
     }
 
-    /// True while the detector with the other rods knows too little to take over from the one with temperature only: it has learned fewer
-    /// periods, or most of the evidence for which the other is above its limit began before the others joined.
+    /// True while the detector with the other rods knows too little to take over from the one with temperature only: it has learned for
+    /// less than half as long, up to a year, or most of the evidence for which the other is above its limit is of changes before the
+    /// others' median is known.
     pub(super) fn knows_too_little(&self) -> bool {
         let (Some(alone), Some(both)) = (&self.by_temperature, &self.compensated) else {
             return false;
         };
         let (alone, both) = (&alone.detector, &both.detector);
-        let evidence = alone.statistic();
-        let before = evidence - alone.statistic_since(self.beside_since);
-        both.periods() < alone.periods().min(LEARNED_PERIODS) || before > self.limit.max(0.5 * evidence)
+        if both.periods() < alone.periods().min(LEARNED_PERIODS) {
+            return true;
+        }
+        if let Some((since, now)) = self.others_since.zip(alone.last_day())
+            && now - since < (0.5 * (now - self.origin)).min(YEAR_D)
+        {
+            return true;
+        }
+        let since = self.by_both_until.until;
+        let evidence = alone.statistic_since(since);
+        let before = evidence - alone.statistic_since(latest(since, self.others_since));
+        before > self.limit.max(0.5 * evidence)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::track::drift::beside_others::{QUIET, Story, follow};
+
+    /// Others whose records begin on day 60 take over once they were there for half of the time. A small change from before, which the detector by
+    /// temperature alone comes to tell after that, does not take the rod from them again.
+    #[test]
+    fn what_has_taken_over_stays_in_use() {
+        let of = |days| {
+            let story = Story {
+                known: &[0, 100],
+                days,
+                change: (40, -0.008),
+                ..QUIET
+            };
+            follow(4, &story).0
+        };
+        let (early, late) = (of(115), of(260));
+        assert!(early.knows_too_little() && !late.knows_too_little());
+        let alone = &late.by_temperature.as_ref().unwrap().detector;
+        let (all, young) = (alone.statistic(), alone.statistic_since(late.others_since));
+        assert!(all > 3652.0 && young < 0.5 * all, "{all} {young}");
     }
 }

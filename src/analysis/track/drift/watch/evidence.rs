@@ -228,6 +228,6 @@ impl DriftWatch {
 }
 
 /// The later of two times \[d\] after which changes count.
-fn latest(one: Option<f64>, other: Option<f64>) -> Option<f64> {
+pub(super) fn latest(one: Option<f64>, other: Option<f64>) -> Option<f64> {
     one.into_iter().chain(other).reduce(f64::max)
 }

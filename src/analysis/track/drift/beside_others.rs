@@ -40,7 +40,7 @@ pub(super) const QUIET: Story = Story {
     drift: None,
 };
 
-/// What was found of a rod beside others, by day. There is a reading a day, between which all follow weather that no reading shows: the
+/// Findings about a rod beside others, by day. There is a reading a day, between which all follow weather that no reading shows: the
 /// others' median does.
 pub(super) fn follow(seed: u64, story: &Story) -> (DriftWatch, Vec<Finding>) {
     let mut generator = random::stream(83, seed);

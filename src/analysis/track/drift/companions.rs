@@ -30,7 +30,7 @@ pub const PATIENCE: u32 = 10;
 /// Fewest other rods that give a median.
 pub const FEWEST: usize = 2;
 /// Periods before a doubt that are left out with it: a change is told with its second or third record.
-const FORGOTTEN: usize = 2;
+pub const FORGOTTEN: usize = 2;
 /// Number of periods with a median after which no rod joins those in it.
 const SETTLED: u32 = 30;
 

@@ -9,6 +9,7 @@ use crate::track::alarm::{Alarm, Cause, Kind, Watches};
 use crate::track::baseline::Baseline;
 use crate::track::drift::Filters;
 use crate::track::drift::Law;
+use crate::track::drift::companions::FORGOTTEN;
 use crate::track::drift::others::Neighbour;
 use crate::track::drift::period::{self, Pending, Period};
 use crate::track::drift::watch::{DriftWatch, Witness};
@@ -19,8 +20,6 @@ use serde::{Deserialize, Serialize};
 
 /// Periods after an alarm within which the size of its change may be unknown: a large one is sure within three.
 const DOUBT_PERIODS: i64 = 5;
-/// Periods before an alarm that may hold the change already: it is told with its second or third record.
-const BEFORE_DOUBT: i64 = 2;
 
 /// A stretch of history with one baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -355,7 +354,7 @@ impl Neighbour for State {
                 Kind::Drift | Kind::NotAxial | Kind::Limit if !knows_size => DOUBT_PERIODS,
                 _ => return false,
             };
-            alarm.cleared.is_none() && (-BEFORE_DOUBT..=most).contains(&periods)
+            alarm.cleared.is_none() && (-(FORGOTTEN as i64)..=most).contains(&periods)
         };
         self.alarms.iter().any(is_doubtful)
     }
@@ -406,7 +405,7 @@ fn three_digits(percent: f64) -> String {
 mod tests {
     use super::*;
 
-    /// What other rods are told of the past when they join: a change is in no period before it.
+    /// Periods before a change hold none of it: rods ask for them when others join.
     #[test]
     fn alarms_count_for_the_periods_of_their_change() {
         const DAY_S: f64 = 86_400.0;

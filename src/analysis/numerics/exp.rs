@@ -1,7 +1,8 @@
-//! e^x of many numbers at once, to two units in the last place.
+//! e^x and ln(1 + x) of many numbers at once, to two units in the last place.
 //!
 //! ```text
 //! e^x = 2^k e^r,    k = round(x / ln 2),    |r| <= ln(2) / 2,    e^r by its Taylor series to r^13
+//! ln(2^k m) = k ln 2 + 2 artanh s,    s = (m - 1) / (m + 1),    2/3 <= m < 4/3,    artanh by its Taylor series to s^21
 //! ```
 
 use super::simd::{Kernel, vectorised};
@@ -48,8 +49,9 @@ impl Kernel for Each<'_> {
     }
 }
 
+/// e^x, for loops that run as a [`Kernel`].
 #[inline(always)]
-fn exp(x: f64) -> f64 {
+pub fn exp(x: f64) -> f64 {
     let rounded = x * LOG2_E + ROUNDING;
     let k = rounded - ROUNDING;
     let r = (x - k * LN_2[0]) - k * LN_2[1];
@@ -61,6 +63,45 @@ fn exp(x: f64) -> f64 {
         f64::INFINITY
     } else {
         of_r * power_of_two
+    }
+}
+
+/// 2^52: in a sum with it the lowest bits of a number are an integer below 2^52.
+const INTEGERS: f64 = 4_503_599_627_370_496.0;
+/// Bits of 2/3: from there to the next power of two times 2/3 numbers share an exponent.
+const TWO_THIRDS_BITS: u64 = 0x3fe5_5555_5555_5555;
+/// Exponent bits of a number, less those of 2/3.
+const EXPONENT: u64 = 0xfff0_0000_0000_0000;
+/// 1 / (2 n + 1) from n = 10 down to 1.
+const ARTANH: [f64; 10] = [
+    1.0 / 21.0,
+    1.0 / 19.0,
+    1.0 / 17.0,
+    1.0 / 15.0,
+    1.0 / 13.0,
+    1.0 / 11.0,
+    1.0 / 9.0,
+    1.0 / 7.0,
+    1.0 / 5.0,
+    1.0 / 3.0,
+];
+
+/// ln(1 + x) of x >= 0, for loops that run as a [`Kernel`].
+#[inline(always)]
+pub fn ln_1p(x: f64) -> f64 {
+    let sum = 1.0 + x;
+    let lost = (x - (sum - 1.0)) / sum;
+    let above = sum.to_bits().wrapping_sub(TWO_THIRDS_BITS);
+    let k = f64::from_bits((above >> 52) | INTEGERS.to_bits()) - INTEGERS;
+    let m = f64::from_bits(sum.to_bits().wrapping_sub(above & EXPONENT));
+    let s = (m - 1.0) / (m + 1.0);
+    let square = s * s;
+    let series = ARTANH.iter().fold(0.0, |sum, term| (sum + term) * square);
+    let of_m = 2.0 * s + 2.0 * s * series;
+    if sum < f64::INFINITY {
+        k * LN_2[0] + (of_m + (k * LN_2[1] + lost))
+    } else {
+        sum
     }
 }
 
@@ -87,6 +128,22 @@ mod tests {
         let mut none = [f64::NAN];
         exp_each(&mut none);
         assert!(none[0].is_nan());
+    }
+
+    /// Against the scalar function of the library, which is right to one unit in the last place.
+    #[test]
+    fn logarithms_are_right_to_two_units_in_the_last_place() {
+        let powers = (0..40_000).map(|step| libm::exp2(0.05 * f64::from(step) - 1000.0));
+        for x in powers.chain((0..10_000).map(|step| 1e-3 * f64::from(step))) {
+            let (found, expected) = (ln_1p(x), libm::log1p(x));
+            // One more unit for the library's.
+            assert!(
+                (found - expected).abs() <= 3.0 * f64::EPSILON * expected,
+                "{x:e}: {found} {expected}"
+            );
+        }
+        assert_eq!((ln_1p(0.0), ln_1p(f64::INFINITY)), (0.0, f64::INFINITY));
+        assert!(ln_1p(f64::NAN).is_nan());
     }
 
     #[test]

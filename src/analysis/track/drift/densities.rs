@@ -1,6 +1,7 @@
 //! Predictive densities of a member at a reading: as usual, wild, after a jump of its fluctuation.
 
-use super::member::Ahead;
+use super::block::{LANES, Lanes};
+use crate::numerics::exp::{exp, ln_1p};
 use std::f64::consts::PI;
 
 /// Probability of a wild reading, its spread \[-\], the widening of the rest, and its degrees of freedom.
@@ -11,48 +12,70 @@ pub(super) const WILD_SHAPE: f64 = 1.5;
 /// Growth of the fluctuation's variance in a jump, in the variance a period adds.
 pub(super) const KICK: f64 = 24.0;
 
-/// Term of the predictive law by which a reading was learned.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Term {
-    Usual,
-    Wild,
-    Kick,
+/// Squared scales of the three laws of a reading, times their degrees of freedom; of members side by side.
+pub(super) struct Spreads {
+    usual: Lanes,
+    kick: Lanes,
+    wild: Lanes,
 }
 
-/// The three predictive densities of a member at a reading.
-pub(super) struct Densities {
-    pub usual: f64,
-    pub wild: f64,
-    pub kick: f64,
-}
-
-impl Densities {
-    /// Student's t densities with 2 `shape` degrees of freedom, that of a wild reading with three; `gammas` as [`Gammas::ratio`].
+impl Spreads {
+    /// Of Student's laws with 2 `shape` degrees of freedom, that of a wild reading with three; `kicked` is the variance that a jump adds.
     #[inline(always)]
-    pub fn new(ahead: &Ahead, kicked: f64, scale2: f64, shape: f64, gammas: f64) -> Self {
-        let (square, dof, total) = (ahead.error * ahead.error, 2.0 * shape, ahead.total * scale2);
-        let student = |spread: f64| {
-            let fall = -(shape + 0.5) * libm::log1p(square / spread);
-            gammas / (PI * spread).sqrt() * libm::exp(fall)
-        };
-        let usual = student(dof * total);
-        let kick = if kicked > 0.0 {
-            student(dof * (total + kicked * scale2))
-        } else {
-            usual
-        };
-        let spread2 = 3.0 * (WILD_SD * WILD_SD + WILD_WIDER * total);
-        let beyond = 1.0 + square / spread2;
+    pub fn new(total: &Lanes, kicked: &Lanes, scale2: &Lanes, shape: &Lanes) -> Self {
+        let of = |total: f64, l: usize| 2.0 * shape[l] * total * scale2[l];
         Self {
-            usual,
-            wild: 2.0 / (PI * spread2.sqrt() * beyond * beyond),
-            kick,
+            usual: std::array::from_fn(|l| of(total[l], l)),
+            // The same where a jump adds nothing.
+            kick: std::array::from_fn(|l| of(total[l] + kicked[l], l)),
+            wild: std::array::from_fn(|l| 3.0 * (WILD_SD * WILD_SD + WILD_WIDER * total[l] * scale2[l])),
         }
+    }
+
+    /// z of the usual law and of that after a jump, whose densities go with (1 + z)^-(`shape` + 1/2).
+    #[inline(always)]
+    pub fn offs(&self, error: &Lanes) -> [Lanes; 2] {
+        [&self.usual, &self.kick].map(|spread| std::array::from_fn(|l| error[l] * error[l] / spread[l]))
+    }
+
+    /// Densities of the usual, the wild and the kicked law; `powers` as [`Spreads::offs`] says, `gammas` as [`Gammas::ratio`].
+    #[inline(always)]
+    pub fn densities(&self, error: &Lanes, powers: &[Lanes; 2], gammas: &Lanes) -> [Lanes; 3] {
+        let student = |spread: &Lanes, power: &Lanes| -> Lanes {
+            std::array::from_fn(|l| gammas[l] / (PI * spread[l]).sqrt() * power[l])
+        };
+        let wild = std::array::from_fn(|l| {
+            let beyond = 1.0 + error[l] * error[l] / self.wild[l];
+            2.0 / (PI * self.wild[l].sqrt() * beyond * beyond)
+        });
+        [
+            student(&self.usual, &powers[0]),
+            wild,
+            student(&self.kick, &powers[1]),
+        ]
+    }
+}
+
+/// Puts (1 + z)^-(`shape` + 1/2) in the place of each z.
+#[inline(always)]
+pub(super) fn raise(offs: &mut [[Lanes; 2]], shapes: impl Iterator<Item = Lanes>) {
+    for z in offs.as_flattened_mut().as_flattened_mut() {
+        *z = ln_1p(*z);
+    }
+    for (offs, shape) in offs.iter_mut().zip(shapes) {
+        for lanes in offs {
+            for l in 0..LANES {
+                lanes[l] *= -(shape[l] + 0.5);
+            }
+        }
+    }
+    for power in offs.as_flattened_mut().as_flattened_mut() {
+        *power = exp(*power);
     }
 }
 
 /// Cache of a ratio of gamma functions: most members share a shape.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(super) struct Gammas {
     shape: f64,
     value: f64,

@@ -13,8 +13,9 @@
 //! This assumes neither white residuals nor tables.
 
 use super::bank::Bank;
-use super::member::Passage;
+use super::block::Workspace;
 use super::onset::Onsets;
+use super::passage::Passage;
 use super::prior::BankPrior;
 use super::row::{Law, Row, Seen};
 use crate::signal::record::time::YEAR_D;
@@ -141,7 +142,7 @@ impl Detector {
     pub fn predict(&self, seen: &Seen) -> Option<Law> {
         let row = self.row(seen)?;
         let mut null = self.null.clone();
-        null.advance(&self.prior, &self.passage(seen.day));
+        null.advance(&self.passage(seen.day));
         Some(null.law(&row))
     }
 
@@ -158,20 +159,18 @@ impl Detector {
     }
 
     fn take(&mut self, mut row: Row, seen: &Seen) -> Option<Law> {
-        let passage = self.passage(seen.day);
-        self.null.advance(&self.prior, &passage);
-        let law = self.null.law(&row);
-        let day = self.null.day.unwrap_or(seen.day);
-        for particle in &mut self.particles {
-            particle.bank.advance(&self.prior, &passage);
-        }
+        let (passage, mut workspace) = (self.passage(seen.day), Workspace::default());
         if self.fresh >= BEFORE {
-            self.bear(day, seen);
+            self.bear(passage.day, seen);
         }
-        let under_null = self.null.learn(&self.prior, &row, &passage);
+        self.null.advance(&passage);
+        let law = self.null.law(&row);
+        let under_null = (self.null).learn(&self.prior, &row, &passage, &mut workspace);
         for particle in &mut self.particles {
-            let h = particle.shape.regressor(day - particle.onset);
-            let under_change = particle.bank.learn(&self.prior, row.with_onset(h), &passage);
+            let h = particle.shape.regressor(passage.day - particle.onset);
+            particle.bank.advance(&passage);
+            let under_change =
+                (particle.bank).learn(&self.prior, row.with_onset(h), &passage, &mut workspace);
             particle.bank.prune();
             particle.ln_weight += under_change - under_null;
         }
@@ -300,8 +299,8 @@ impl Detector {
         let row = self.row(seen)?;
         let mut null = self.null.clone();
         let passage = self.passage(seen.day);
-        null.advance(&self.prior, &passage);
-        Some(null.draw(&self.prior, &row, &passage, generator))
+        null.advance(&passage);
+        null.draw(&self.prior, &row, &passage, generator)
     }
 
     /// Sets the probability of a jump of the residual force in a period by the spacing of readings.

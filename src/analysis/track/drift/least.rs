@@ -9,11 +9,9 @@
 //! ```
 
 use super::detector::{Detector, Shape};
-use super::member::Passage;
+use super::passage::Passage;
 use super::row::{Row, Seen};
 
-/// Least weight of a member that counts.
-const NEGLIGIBLE: f64 = 1e-3;
 /// Fewest periods for a step: one alone may be a wild reading.
 const FEWEST: usize = 2;
 
@@ -27,8 +25,6 @@ impl Detector {
             return None;
         }
         let mut bank = self.null.with_change(shape.size());
-        bank.members.retain(|member| member.weight >= NEGLIGIBLE);
-        bank.prune();
         let mut last = bank.day;
         for (day, columns) in ahead {
             let seen = Seen {
@@ -42,7 +38,7 @@ impl Detector {
             };
             let mut row = Row::new(self.prior(), &seen)?;
             let passage = Passage::new(self.prior(), last, *day);
-            bank.advance(self.prior(), &passage);
+            bank.advance(&passage);
             bank.narrow(row.with_onset(shape.regressor(day - first)));
             last = bank.day;
         }

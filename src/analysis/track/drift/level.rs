@@ -1,8 +1,9 @@
 //! Change from a level: the part of a period that its columns do not explain, against the mean of earlier
 //! periods.
 
+use super::bank::total;
+use super::block::Sums;
 use super::detector::{Detector, ln_sum};
-use super::member::{Member, quadratic};
 use super::prior::Fluctuation;
 use super::row::{COLUMNS, Seen};
 
@@ -41,9 +42,7 @@ impl Detector {
                 row.error + fluctuation.variance + fluctuation.slow_variance + level
             })
             .collect();
-        let (mean, sd) = self.average(limit, &along, |member| {
-            levels[usize::from(member.which)] + row.unread / member.scale2()
-        });
+        let (mean, sd) = self.average(limit, &along, &levels, row.unread);
         Some((seen.ratio - mean, sd))
     }
 
@@ -53,33 +52,27 @@ impl Detector {
         let width = self.prior.columns.len() + 4;
         let mut along = vec![0.0; width];
         along[COLUMNS..COLUMNS + filters.min(self.prior.columns.len())].fill(1.0);
-        self.average(limit, &along, |_| 0.0)
+        self.average(limit, &along, &vec![0.0; self.prior.members.len()], 0.0)
     }
 
-    /// Mean of x'b and the standard deviation of x'b + e, var e = sigma^2 `own`, over null bank and onset particles.
-    fn average(&self, limit: f64, x: &[f64], own: impl Fn(&Member) -> f64) -> (f64, f64) {
+    /// Mean of x'b over the columns and the standard deviation of x'b + e, over null bank and onset particles; var e = sigma^2 `own`, by
+    /// the index of a member, and `unread`.
+    fn average(&self, limit: f64, x: &[f64], own: &[f64], unread: f64) -> (f64, f64) {
         let null = libm::log(limit.max(1.0));
-        let total = ln_sum(self.weights().chain([null]));
+        let whole = ln_sum(self.weights().chain([null]));
         let particles = self.particles.iter().map(|particle| &particle.bank);
         let banks = particles
             .zip(self.weights())
             .chain([(&self.null, null)])
-            .map(|(bank, weight)| (bank, libm::exp(weight - total)))
+            .map(|(bank, weight)| (bank, libm::exp(weight - whole)))
             .filter(|(_, share)| *share > NEGLIGIBLE);
-        let (mut sum, mut mean, mut square, mut variance) = (0.0, 0.0, 0.0, 0.0);
-        for (bank, share) in banks {
-            for member in &bank.members {
-                let weight = share * member.weight;
-                let explained: f64 = x.iter().zip(&member.mean).map(|(x, mean)| x * mean).sum();
-                sum += weight;
-                mean += weight * explained;
-                square += weight * explained * explained;
-                variance += weight * member.noise() * (own(member) + quadratic(&member.cov, x, x.len()));
-            }
-        }
-        mean /= sum;
-        let between = (square / sum - mean * mean).max(0.0);
-        (mean, (variance / sum + between).sqrt())
+        let mut sums = Sums::default();
+        banks.for_each(|(bank, share)| bank.add_columns(x, own, unread, share, &mut sums));
+        let [weight, mean, square, variance] =
+            [sums.weight, sums.mean, sums.square, sums.variance].map(total);
+        let mean = mean / weight;
+        let between = (square / weight - mean * mean).max(0.0);
+        (mean, (variance / weight + between).sqrt())
     }
 }
 

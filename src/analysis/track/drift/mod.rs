@@ -2,7 +2,9 @@
 //!
 //! * [`prior`]      laws of the coefficients, members of a bank
 //! * [`row`]        one period as a bank takes it
-//! * `member`       one conjugate filter
+//! * `passage`      decay of fluctuations from one period to the next
+//! * `member`       one conjugate filter, as it begins and as it is kept
+//! * `block`        some of them side by side: their prediction and their step
 //! * `densities`    its predictive densities of a reading
 //! * [`bank`]       filters side by side, their predictive law
 //! * [`detector`]   onset particles and R
@@ -21,6 +23,7 @@
 pub mod bank;
 #[cfg(test)]
 mod beside_others;
+mod block;
 pub mod change;
 pub mod companions;
 mod compensated;
@@ -35,6 +38,7 @@ mod level;
 mod member;
 mod onset;
 pub mod others;
+mod passage;
 pub mod period;
 pub mod prior;
 pub mod regressors;

@@ -1,7 +1,7 @@
 //! Numerical tools independent of rods: they import from no other module.
 //!
 //! * [`random`]      seeds and counter-based streams
-//! * `exp`           e^x of many numbers at once
+//! * `exp`           e^x and ln(1 + x) of many numbers at once
 //! * `simd`          inner loops on the widest vectors a processor has
 //! * [`orthogonal`]  orthogonal polynomials and their quadratures
 //! * [`optimum`]     minima of smooth functions

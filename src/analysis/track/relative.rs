@@ -295,16 +295,22 @@ impl Shift {
     /// Summary of weighted draws, particle by particle and that [`PER_PARTICLE`] times.
     fn summary(&self, common: &[Common], estimate: f64, u: &[f64], weights: &[f64]) -> Relative {
         let places = self.polynomials.blocks() * LANES;
-        let last = self.forces.len() - 1;
         let moments = Moments::of(weights, u);
         let delta = moments.mean;
         let mut ratios = u.to_vec();
         exp_each(&mut ratios);
         let (mut forces, mut logs) = (Vec::with_capacity(u.len()), Vec::with_capacity(u.len()));
-        for (draw, (u, ratio)) in u.iter().zip(&ratios).enumerate() {
-            let particle = (draw % places).min(last);
-            logs.push(self.log_forces[particle] + u);
-            forces.push(ratio * self.forces[particle]);
+        for (u, ratios) in u.chunks_exact(places).zip(ratios.chunks_exact(places)) {
+            logs.extend(u.iter().zip(&self.log_forces).map(|(u, log)| log + u));
+            forces.extend(
+                ratios
+                    .iter()
+                    .zip(&self.forces)
+                    .map(|(ratio, force)| ratio * force),
+            );
+            // Those that fill up the last block have no weight.
+            logs.extend(&u[self.forces.len()..]);
+            forces.extend(&ratios[self.forces.len()..]);
         }
         let interval = |values: &[f64], logs: &[f64]| {
             let moments = Moments::of(weights, values);

@@ -1,6 +1,7 @@
 //! Evenly spread shares to draw at, and moments and quantiles of weighted draws.
 
 use super::shift::{LANES, Lanes};
+use crate::numerics::simd::{Kernel, vectorised};
 
 /// Number of draws of u per particle.
 pub(super) const PER_PARTICLE: usize = 4;
@@ -17,19 +18,15 @@ pub(super) struct Moments {
 
 impl Moments {
     pub fn of(weights: &[f64], values: &[f64]) -> Self {
-        // Sums lane by lane, in an order that does not depend on the processor; counted from the first value, so that
-        // nothing cancels.
+        // Counted from the first value, so that nothing cancels.
         let from = values[0];
         let mut sums = [[0.0; LANES]; 4];
-        for (w, x) in weights.chunks_exact(LANES).zip(values.chunks_exact(LANES)) {
-            for l in 0..LANES {
-                let off = x[l] - from;
-                sums[0][l] += w[l];
-                sums[1][l] += w[l] * w[l];
-                sums[2][l] += w[l] * off;
-                sums[3][l] += w[l] * off * off;
-            }
-        }
+        vectorised(Powers {
+            weights,
+            values,
+            from,
+            sums: &mut sums,
+        });
         let [sum, squares, first, second] = sums.map(|lanes| lanes.iter().sum::<f64>());
         let mean = first / sum;
         Self {
@@ -37,6 +34,32 @@ impl Moments {
             sd: (second / sum - mean * mean).max(0.0).sqrt(),
             ess: sum * sum / squares,
         }
+    }
+}
+
+/// Sums of the weights, their squares, and their products with the values and with the squares of these, lane by lane.
+struct Powers<'a> {
+    weights: &'a [f64],
+    values: &'a [f64],
+    from: f64,
+    sums: &'a mut [Lanes; 4],
+}
+
+impl Kernel for Powers<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let mut sums = [[0.0; LANES]; 4];
+        let (weights, values) = (self.weights.chunks_exact(LANES), self.values.chunks_exact(LANES));
+        for (w, x) in weights.zip(values) {
+            for l in 0..LANES {
+                let off = x[l] - self.from;
+                sums[0][l] += w[l];
+                sums[1][l] += w[l] * w[l];
+                sums[2][l] += w[l] * off;
+                sums[3][l] += w[l] * off * off;
+            }
+        }
+        *self.sums = sums;
     }
 }
 

@@ -1,3 +1,5 @@
+//! Tests of the bank: the batch posterior, densities, covariances, what is kept.
+
 use super::super::{Coefficient, Fluctuation, Seen};
 use super::*;
 use crate::numerics::random;

@@ -112,6 +112,49 @@ fn a_loss_while_the_baseline_is_learned_is_told_with_its_second_record() {
 }
 
 #[test]
+fn a_baseline_ends_with_a_loss_that_was_told_while_it_was_learned() {
+    // Two records come before the loss, three or nine.
+    for (start_d, loss) in [(1.5, 0.4), (2.5, 0.4), (8.5, 0.2), (8.5, 0.4), (8.5, 0.7)] {
+        let scenario = restrained(70, 0.3).step(start_d, -loss);
+        let history = scenario.history(306);
+        let observations: Vec<Observation> = history.iter().map(|one| one.observation.clone()).collect();
+        let (tracker, verdicts) = scenario.follow(&observations);
+        let (all, over) = (raised(&verdicts), told(&verdicts, What::Cleared));
+        let case = format!("{loss} on day {start_d}: {all:?}, over {over:?}");
+        let intact = start_d.ceil() as usize;
+        let times = |kind: Kind| all.iter().filter(|(_, raised)| *raised == kind).count();
+        // A fifth is not more than any weather does to a rod that is not known yet: it is told as a drift.
+        let first_told = if loss > 0.3 { Kind::Limit } else { Kind::Drift };
+        assert_eq!(first(&verdicts, first_told), Some(intact + 1), "{case}");
+        assert_eq!(
+            (times(Kind::Limit), times(Kind::Drift).min(1)),
+            (1, times(Kind::Drift)),
+            "{case}"
+        );
+        assert_eq!(
+            cleared(&verdicts, Kind::Limit).or(cleared(&verdicts, Kind::Drift)),
+            None,
+            "{case}"
+        );
+        let state = tracker.state();
+        let records = state.segment.baseline.as_ref().expect("thirty records").records;
+        assert!((2..=intact).contains(&records), "{records} records: {case}");
+        let Some(at_reference) = verdicts.last().and_then(|last| last.at_reference) else {
+            assert!(loss > 0.5, "beyond the prepared range: {case}");
+            continue;
+        };
+        // The share of the force at no special temperature; that at the reference differs by what weather moves.
+        let left = history.last().expect("records").relative_force;
+        let ratio = at_reference.ratio;
+        assert!(
+            (ratio.mean - left).abs() < 0.02 + 3.0 * ratio.sd,
+            "{ratio:?}, {left}: {case}"
+        );
+        assert!(ratio.q975 < 1.0 - 0.5 * loss, "{ratio:?}: {case}");
+    }
+}
+
+#[test]
 fn a_loss_is_suspected_with_its_first_record_and_the_next_one_decides() {
     // While the baseline is learned, and long after.
     for (days, first_record) in [(40, 25), (130, 121)] {

@@ -91,7 +91,7 @@ def judge(site, index, lines):
         for at in wanted:
             before = [(day, line) for day, line in shown if at - 7.0 < day <= at]
             if before:
-                verdict.coverage.append(held(site, number, *before[-1]))
+                verdict.coverage.append(held(site, number, learned(site, verdict), *before[-1]))
         if own:
             last_day, last = own[-1]
             verdict.state = last["state"]
@@ -120,19 +120,26 @@ def denies_force(alarm):
     return any(one["kind"] == "force" and one["probability"] <= 1 / 21 for one in kinds)
 
 
-def truth(site, number, day, reference_c):
-    """N over the mean N of the baseline, both at the reference temperature, without what fluctuates."""
+def learned(site, verdict):
+    """Days of the records of a rod's baseline: a change that is told while it is learned ends it."""
+    days = np.arange(site.world.baseline) + 0.5
+    told = [day for kind in ("drift", "limit") for day, _ in verdict.raised.get(kind, [])]
+    is_told = verdict.changes and any(site.world.change.day <= day < site.world.baseline for day in told)
+    return days[days < site.world.change.day] if is_told else days
+
+
+def truth(site, number, baseline, day, reference_c):
+    """N over the mean N of the baseline's days, both at the reference temperature, without what fluctuates."""
     steady = float(site.steady(number, reference_c))
     if not site.world.changes or number != 0:
         return 1.0
     change = site.world.change
-    learned = float(change.at(np.arange(site.world.baseline) + 0.5).mean())
-    return (steady + float(change.at(day))) / (steady + learned)
+    return (steady + float(change.at(day))) / (steady + float(change.at(baseline).mean()))
 
 
-def held(site, number, day, line):
+def held(site, number, baseline, day, line):
     stated = line["relative_force_at_reference"]
-    real = truth(site, number, day, line["reference_temperature_c"])
+    real = truth(site, number, baseline, day, line["reference_temperature_c"])
     return (
         day,
         stated["q025"] <= real <= stated["q975"],
@@ -159,8 +166,8 @@ def look_at_change(site, number, own, verdict):
         return
     day, said = stated[-1]
     # As a share of the baseline's mean force, which the season moves by a tenth and more where the walls hold the rod.
-    learned = site.records[number]["ratio"][: site.world.baseline]
-    size = float(change.at(day) / np.exp(np.log(learned).mean()))
+    ratio = site.records[number]["ratio"][: len(learned(site, verdict))]
+    size = float(change.at(day) / np.exp(np.log(ratio).mean()))
     verdict.size_held = said["size"]["q025"] <= size <= said["size"]["q975"]
     dated = [[day_of(site.start, one[key]) for key in ("onset_q025", "onset_q975")] for one in (said, every[-1][1])]
     verdict.onset_held, verdict.onset_held_late = (begin <= change.day <= end for begin, end in dated)

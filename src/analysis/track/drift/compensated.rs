@@ -34,6 +34,8 @@ struct Level {
     /// Times of the first and the last \[d\].
     days: [f64; 2],
     periods: f64,
+    /// True if no more periods are taken, however few they are.
+    has_ended: bool,
     ratio: f64,
     columns: Vec<f64>,
     /// The last of them: time, ratio, columns.
@@ -87,6 +89,11 @@ impl Compensated {
         self.level.learn(measured, ratio, columns, periods, is_told);
     }
 
+    /// Ends the level with the periods so far: a change that was told while the baseline was learned comes after them.
+    pub fn end_level(&mut self) {
+        self.level.has_ended |= self.level.periods > 0.0;
+    }
+
     /// Removes the latest periods since the earliest credible onset from the level.
     pub fn withdraw(&mut self, onset: f64) {
         self.level.withdraw(onset);
@@ -96,7 +103,10 @@ impl Compensated {
 impl Level {
     /// Takes a period of commissioning. One after a reported change is left out: the level would follow the change.
     fn learn(&mut self, day: f64, ratio: f64, columns: &[f64], periods: usize, is_told: bool) {
-        if self.periods >= periods as f64 || (is_told && self.periods >= FEWEST_BEFORE_CHANGE) {
+        if self.has_ended
+            || self.periods >= periods as f64
+            || (is_told && self.periods >= FEWEST_BEFORE_CHANGE)
+        {
             return;
         }
         if self.periods == 0.0 {
@@ -134,10 +144,10 @@ impl Level {
     }
 
     fn change(&self, detector: &Detector, seen: &Seen, limit: f64, is_told: bool) -> Option<(f64, f64)> {
-        let fewest = if is_told {
-            FEWEST_BEFORE_CHANGE
-        } else {
-            FEWEST_PERIODS
+        let fewest = match (self.has_ended, is_told) {
+            (true, _) => 1.0,
+            (false, true) => FEWEST_BEFORE_CHANGE,
+            (false, false) => FEWEST_PERIODS,
         };
         if self.periods < fewest {
             return None;

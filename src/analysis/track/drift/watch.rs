@@ -54,6 +54,8 @@ pub(crate) struct Terms {
     pub reference_c: Option<f64>,
     /// Number of periods before the change since commissioning is measured.
     pub learning_periods: usize,
+    /// Start of the last period of commissioning \[d\], where a change ended it.
+    pub commissioned_until: Option<f64>,
 }
 
 /// Detectors of one rod.
@@ -190,6 +192,7 @@ impl DriftWatch {
             origin: self.origin,
         };
         let mut law = None;
+        let is_commissioned = terms.commissioned_until.is_some_and(|until| day > until);
         let (mut by_temperature, mut unread) = (None, 0.0);
         let mut seen_alone = None;
         self.last = Sources::default();
@@ -200,6 +203,9 @@ impl DriftWatch {
                 .detector
                 .set_sparse(is_sparse && compensated.knows_temperature);
             let is_told = self.above.any();
+            if is_commissioned {
+                compensated.end_level();
+            }
             compensated.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
             let seen = seen(period, &columns, compensated.knows_temperature);
             unread = compensated.detector.unread(&seen);
@@ -213,6 +219,9 @@ impl DriftWatch {
         {
             alone.detector.set_sparse(is_sparse);
             let is_told = self.above.any();
+            if is_commissioned {
+                alone.end_level();
+            }
             alone.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
             let seen = seen(period, &columns, alone.knows_temperature);
             unread = alone.detector.unread(&seen);
@@ -356,6 +365,7 @@ mod tests {
             }),
             reference_c: Some(10.0),
             learning_periods: 30,
+            commissioned_until: None,
         }
     }
 

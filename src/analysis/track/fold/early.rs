@@ -1,18 +1,19 @@
 //! Watch over the records of the future baseline: a change during learning is reported on the next record,
 //! not a month later.
 //!
-//! The first five records give a provisional baseline; a drift watch runs on the periods measured against it until the baseline
+//! The first five records, fewer if one of them shows a large loss, give a provisional baseline; a drift watch runs on the periods measured against it until the baseline
 //! is there. Both are dropped then: the baseline's own watch begins with its first record. A sudden large loss is a `limit` from
 //! single records, as later.
 
-use super::loss::{Loss, Shown};
+use super::intake::mean_temperature;
+use super::loss::{Loss, Shown, judged};
 use super::monitor::{change_told, is_suspect};
 use super::packed::Packed;
 use super::plan::TrackPlan;
 use super::tracker::Tracker;
 use crate::signal::record::{Reading, Timestamp};
 use crate::track::alarm::change::Change;
-use crate::track::alarm::{Kind, Known};
+use crate::track::alarm::{Cause, Kind, Known};
 use crate::track::baseline::Baseline;
 use crate::track::drift::others::Others;
 use crate::track::drift::period::{self, Pending};
@@ -22,11 +23,15 @@ use crate::track::observation::Observation;
 use crate::track::relative::{NoRelative, Relative, Shift};
 use serde::{Deserialize, Serialize};
 
-/// Number of records of the provisional baseline.
-pub(crate) const RECORDS: usize = 5;
+/// Number of records of the provisional baseline; fewest before a loss among them.
+const RECORDS: usize = 5;
+const FEWEST: usize = 2;
 
 /// Standard deviation of a rod's temperature from day to day \[K\]: days of 3 K and weather of 2.5 K.
 const WEATHER_K: f64 = 4.0;
+
+/// The same beside readings of the air, which a rod follows by hours \[K\].
+const LAG_K: f64 = 1.5;
 
 /// A provisional baseline and the periods measured against it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -34,6 +39,9 @@ pub struct EarlyWatch {
     pub(crate) baseline: Baseline,
     filters: Filters,
     reference_c: Option<f64>,
+    /// Mean temperature of the baseline's records.
+    #[serde(default)]
+    mean_c: Option<f64>,
     /// Records of the period that is still open.
     open: Vec<Pending>,
     watch: Packed<DriftWatch>,
@@ -54,7 +62,7 @@ enum Taken {
         /// N_t / N_0 - 1.
         ratio: f64,
         /// Law by which the records before predicted it by themselves.
-        alone: Option<Law>,
+        alone: Law,
         /// Its loss by its temperature.
         by_temperature: Option<Loss>,
     },
@@ -66,11 +74,12 @@ enum Taken {
 
 impl EarlyWatch {
     /// A watch before its first record.
-    fn new(baseline: Baseline) -> Self {
+    fn new(baseline: Baseline, mean_c: Option<f64>) -> Self {
         Self {
             baseline,
             filters: Filters::default(),
             reference_c: None,
+            mean_c,
             open: Vec::new(),
             watch: Packed::default(),
             taken: None,
@@ -107,13 +116,21 @@ impl EarlyWatch {
             None
         };
         let ratio = relative.ratio.mean - 1.0;
-        let alone = (self.watch.get())
-            .and_then(|watch| watch.blind_law(observation.start.days(), ratio, relative.ratio.sd))
-            .map(|law| Law {
-                sd: law.sd.hypot(self.weather_sd(plan, shift)),
-                ..law
-            });
-        let by_temperature = self.loss_by_temperature(observation, &relative, readings);
+        let by_itself = (self.watch.get())
+            .and_then(|watch| watch.blind_law(observation.start.days(), ratio, relative.ratio.sd));
+        // Before the first period ends nothing but the provisional baseline is known.
+        let of_baseline = Law {
+            mean: 0.0,
+            sd: relative.ratio.sd,
+            leverage: 1.0,
+        };
+        let law = by_itself.unwrap_or(of_baseline);
+        let alone = Law {
+            sd: law.sd.hypot(self.weather_sd(plan, shift)),
+            ..law
+        };
+        let by_temperature = (self.loss_by_temperature(observation, &relative, readings))
+            .or_else(|| self.loss_by_prior(plan, shift, observation, &relative, readings));
         self.open.push(Pending::new(observation, &relative));
         let taken = Taken::Within {
             ratio,
@@ -140,6 +157,29 @@ impl EarlyWatch {
         let filters = self.filters.advanced(readings, pending.end);
         let law = self.watch.get()?.law_by_temperature(&pending, &filters)?;
         Some(Loss::from_law(pending.delta, &law))
+    }
+
+    /// Loss of a record by its temperature and the prior of its effect, before the first period ends; `None` without one.
+    fn loss_by_prior(
+        &self,
+        plan: &TrackPlan,
+        shift: &Shift,
+        observation: &Observation,
+        relative: &Relative,
+        readings: &[Reading],
+    ) -> Option<Loss> {
+        let pending = Pending::new(observation, relative);
+        let prior = plan.terms(&self.baseline, shift, None).thermal?;
+        let [now_c, ..] = self
+            .filters
+            .advanced(readings, pending.end)
+            .at(pending.end.days())?;
+        let warmer_k = now_c - self.mean_c?;
+        let by_lag = LAG_K * prior.slope_mean_per_k.hypot(prior.slope_sd_per_k);
+        Some(Loss {
+            mean: prior.slope_mean_per_k * warmer_k - pending.delta,
+            sd: pending.sd.hypot(prior.slope_sd_per_k * warmer_k).hypot(by_lag),
+        })
     }
 
     /// Standard deviation of the ratio by weather, before the rod has shown its own: a calm week teaches too little.
@@ -193,7 +233,6 @@ impl Tracker {
     /// Passes the latest observation that waits for the baseline to the early watch; returns the loss that it shows by itself.
     pub(crate) fn watch_early(&mut self, time: Timestamp) -> Option<Shown> {
         let segment = self.state.segment.number;
-        let waiting = self.state.learning.len();
         // Records that were withdrawn take the provisional baseline with them; a watch that cannot be read any more is made anew
         // from all records.
         let first = self.state.learning.first().map(|first| first.start);
@@ -206,22 +245,18 @@ impl Tracker {
         {
             self.end_early();
         }
-        if waiting < RECORDS {
-            return None;
-        }
         if self.state.early.is_none() {
-            let Ok((baseline, _)) = self.plan.learn(&self.state.learning[..RECORDS], segment) else {
-                return None;
-            };
-            self.state.early = Some(EarlyWatch::new(baseline));
+            let records = self.provisional_records(segment)?;
+            let (baseline, _) = self.plan.learn(&self.state.learning[..records], segment).ok()?;
+            self.state.early = Some(EarlyWatch::new(baseline, mean_temperature(&self.state, records)));
         }
         let mut early = self.state.early.take()?;
         if self.early_shift.is_none() {
             self.early_shift = Some(self.plan.shift(&early.baseline));
         }
         let (mut found, mut last) = (None, None);
+        let is_misled = self.plan.compensates() && self.state.thermometer.may_have_died(time);
         if let Some(shift) = &self.early_shift {
-            let is_misled = self.plan.compensates() && self.state.thermometer.may_have_died(time);
             let known = early.taken;
             for observation in self.state.learning.iter().filter(|one| Some(one.start) > known) {
                 let (taken, change) = early.take(&self.plan, shift, observation, &self.state.readings);
@@ -238,11 +273,12 @@ impl Tracker {
                 alone,
                 by_temperature,
             }) => {
-                self.look_at_loss(ratio, alone, None, time);
-                alone.map(|law| {
-                    let loss = by_temperature.unwrap_or_else(|| Loss::from_law(ratio, &law));
-                    Shown::within(loss, ratio, &law, self.plan.alarm.limit_loss)
-                })
+                // A loss that lasts is learned as an effect of temperature, or as the level.
+                let is_led = is_misled || self.state.watches.stands(Cause::Loss);
+                let by_temperature = by_temperature.filter(|_| !is_led);
+                self.look_at_loss(ratio, Some(alone), by_temperature, time);
+                let loss = by_temperature.unwrap_or_else(|| Loss::from_law(ratio, &alone));
+                Some(Shown::within(loss, ratio, &alone, self.plan.alarm.limit_loss))
             }
             Some(Taken::Beyond(bound)) => {
                 self.look_at_bound(bound, time);
@@ -262,15 +298,65 @@ impl Tracker {
         shown
     }
 
+    /// Number of records of the provisional baseline: the first five, or those before one of these that shows a certain loss. `None` if
+    /// there are too few yet.
+    fn provisional_records(&self, segment: u32) -> Option<usize> {
+        let (learning, limit) = (&self.state.learning, self.plan.alarm.limit_loss);
+        let readings = &self.state.readings;
+        let shows_loss = |before: usize| {
+            let Ok((baseline, _)) = self.plan.learn(&learning[..before], segment) else {
+                return false;
+            };
+            let shift = self.plan.shift(&baseline);
+            let early = EarlyWatch::new(baseline, mean_temperature(&self.state, before));
+            learning[before..].iter().any(|record| {
+                match early.clone().take(&self.plan, &shift, record, readings).0 {
+                    Taken::Within {
+                        ratio,
+                        alone,
+                        by_temperature,
+                    } => judged(Loss::from_law(ratio, &alone), by_temperature, limit).0 == Some(true),
+                    Taken::Beyond(bound) => bound.is_some_and(|loss| loss.exceeds(limit)),
+                    Taken::Without => false,
+                }
+            })
+        };
+        let intact = (FEWEST..learning.len().min(RECORDS))
+            .rev()
+            .find(|&before| shows_loss(before));
+        intact.or((learning.len() >= RECORDS).then_some(RECORDS))
+    }
+
+    /// Number of the first `wanted` records that wait for a baseline which came before a change told of them, two
+    /// at least; all without such a change. A baseline of both would be one of no force that the rod ever had.
+    pub(crate) fn intact_records(&self, wanted: usize) -> usize {
+        let state = &self.state;
+        let Some(early) = &state.early else { return wanted };
+        let learning = &state.learning[..wanted];
+        let before = |time: Timestamp| learning.partition_point(|record| record.start < time);
+        let first = early.baseline.first;
+        let told = (state.alarms.iter()).filter(|alarm| alarm.cleared.is_none() && alarm.raised >= first);
+        let counts = told.filter_map(|alarm| match (alarm.kind, &alarm.change) {
+            (Kind::Drift, Some(change)) => Some(before(change.onset_q025)),
+            // The second record of the loss raised it.
+            (Kind::Limit, _) => Some(before(alarm.raised).saturating_sub(1)),
+            _ => None,
+        });
+        // A provisional baseline of fewer than five records ends where the loss begins.
+        let shown = Some(early.baseline.records).filter(|records| *records < RECORDS);
+        let count = counts.min().map(|count| count.min(shown.unwrap_or(count)));
+        count.map_or(wanted, |count| count.clamp(FEWEST.min(wanted), wanted))
+    }
+
     /// Drops the early watch: its baseline is there, or could not be learned.
     pub(crate) fn end_early(&mut self) {
         (self.state.early, self.early_shift) = (None, None);
     }
 
-    /// Puts the law before a loss, told while learning, into the units of the baseline: the provisional one's records have the ratio
-    /// one in the mean.
-    pub(crate) fn take_over_loss(&mut self) {
-        let first = &self.state.open[..RECORDS.min(self.state.open.len())];
+    /// Puts the law before a loss, told while learning, into the units of the baseline: the provisional one's `records` have the
+    /// ratio one in the mean.
+    pub(crate) fn take_over_loss(&mut self, records: usize) {
+        let first = &self.state.open[..records.min(self.state.open.len())];
         let share = 1.0 + first.iter().map(|pending| pending.delta).sum::<f64>() / first.len().max(1) as f64;
         self.state.before = self.state.before.map(|before| before.scaled(share));
     }

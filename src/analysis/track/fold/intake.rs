@@ -160,7 +160,7 @@ impl Tracker {
                         .unwrap_or_else(|| Loss::from_law(ratio, law));
                     Shown::within(loss, ratio, law, self.plan.alarm.limit_loss)
                 });
-                self.look_at_loss(ratio, law, at_reference, time);
+                self.look_at_loss(ratio, law, at_reference.map(Loss::at_reference), time);
                 self.await_period(pending);
                 verdict.relative = Some(relative);
                 self.usable(observation);
@@ -278,7 +278,9 @@ impl Tracker {
         {
             return shown;
         }
-        match self.plan.learn(&state.learning[..wanted], state.segment.number) {
+        let intact = self.intact_records(wanted);
+        let state = &mut self.state;
+        match self.plan.learn(&state.learning[..intact], state.segment.number) {
             Ok((baseline, left_out)) => {
                 state.segment.fault = left_out.map(|fault| fault.to_string());
                 state.segment.reference_c = self
@@ -290,13 +292,21 @@ impl Tracker {
                 self.shift = Some(self.plan.shift(&baseline));
                 state.segment.baseline = Some(baseline);
                 let learned = std::mem::take(&mut state.learning);
+                let provisional = state.early.as_ref().map_or(0, |early| early.baseline.records);
                 self.end_early();
-                for observation in learned {
+                // Records after the change in the last period before it would make that a mixture.
+                let until = self.state.segment.baseline.as_ref().map(|baseline| baseline.last);
+                let period_s = self.plan.track.period_s;
+                let index = |time| period::index_of(time, period_s);
+                let is_mixed = |start: Timestamp| {
+                    intact < wanted && until.is_some_and(|last| start > last && index(start) == index(last))
+                };
+                for observation in learned.into_iter().filter(|one| !is_mixed(one.start)) {
                     if let Some(Ok(relative)) = self.relative(&observation) {
                         self.await_period(Pending::new(&observation, &relative));
                     }
                 }
-                self.take_over_loss();
+                self.take_over_loss(provisional);
             }
             Err(fault) => {
                 state.segment.fault = Some(fault.to_string());
@@ -370,7 +380,7 @@ impl Tracker {
 }
 
 /// Mean temperature of the first `count` observations that wait for the baseline.
-fn mean_temperature(state: &State, count: usize) -> Option<f64> {
+pub(super) fn mean_temperature(state: &State, count: usize) -> Option<f64> {
     let mut filters = state.filters.clone();
     let mut readings = state.readings.iter().peekable();
     let (mut sum, mut known) = (0.0, 0);

@@ -138,7 +138,7 @@ impl Loss {
 }
 
 /// Judges a loss as measured, and at the reference temperature if that is known: whether it holds, and the smaller one.
-fn judged(measured: Loss, at_reference: Option<Loss>, limit: f64) -> (Option<bool>, Loss) {
+pub(super) fn judged(measured: Loss, at_reference: Option<Loss>, limit: f64) -> (Option<bool>, Loss) {
     let Some(known) = at_reference else {
         let holds = measured.exceeds(limit);
         return (
@@ -161,12 +161,13 @@ fn judged(measured: Loss, at_reference: Option<Loss>, limit: f64) -> (Option<boo
 }
 
 impl Tracker {
-    /// Checks the limit by one record's ratio N_t / N_0 - 1, which the rod's own data predicted by `law`.
+    /// Checks the limit by one record's ratio N_t / N_0 - 1, which the rod's own data predicted by `law`; `known` is its loss with the
+    /// temperature taken off.
     pub(super) fn look_at_loss(
         &mut self,
         ratio: f64,
         law: Option<Law>,
-        at_reference: Option<&AtReference>,
+        known: Option<Loss>,
         time: Timestamp,
     ) {
         let Some(law) = law else { return };
@@ -183,9 +184,13 @@ impl Tracker {
             mean: before.mean - ratio,
             sd: before.sd,
         };
-        let (mut holds, loss) = judged(measured, at_reference.map(Loss::at_reference), limit);
+        let (mut holds, loss) = judged(measured, known, limit);
+        // What is uncertain at the reference temperature ends no loss.
+        if stands && known.is_some_and(|known| !known.is_over(limit)) {
+            holds = holds.filter(|holds| *holds);
+        }
         // The level before is not known of a loss that the bound told, or an earlier version: its evidence keeps it.
-        if stands && kept.is_none() && at_reference.is_none() {
+        if stands && kept.is_none() && known.is_none() {
             let lasts = self.state.watch.get().is_none_or(DriftWatch::is_blind_above);
             holds = holds.filter(|holds| *holds || !lasts);
         }

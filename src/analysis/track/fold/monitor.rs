@@ -10,8 +10,8 @@ use crate::track::alarm::{Alarm, Cause, Kind, Known, Standing};
 use crate::track::alternatives::Explained;
 use crate::track::drift::companions::PATIENCE;
 use crate::track::drift::others::{Neighbour as _, Others};
-use crate::track::drift::period::{Charted, Evidence, Period, combined_misfit};
-use crate::track::drift::watch::{DriftWatch, Finding, Witness};
+use crate::track::drift::period::{self, Charted, Evidence, Period, combined_misfit};
+use crate::track::drift::watch::{DriftWatch, Finding, Terms, Witness};
 use crate::track::relative::Shift;
 use statrs::distribution::{ContinuousCDF, Normal};
 
@@ -119,7 +119,10 @@ fn watch(tracker: &mut Tracker, period: &mut Period, others: &Others) {
         let first_c = period.filtered_c.map(|filtered| filtered[0]);
         state.segment.reference_c = plan.track.reference_temperature_c.or(first_c);
     }
-    let terms = plan.terms(baseline, shift, state.segment.reference_c);
+    let terms = Terms {
+        commissioned_until: plan.commissioned_until(baseline),
+        ..plan.terms(baseline, shift, state.segment.reference_c)
+    };
     let noise_sd = typical_sd(state, period);
     let watch = state
         .watch
@@ -220,6 +223,11 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
         return;
     }
     let state = &tracker.state;
+    // A change that was told while the baseline was learned is known by its provisional one only.
+    let end = period::start_of(period.index.saturating_add(1), tracker.plan.track.period_s);
+    let is_early = |alarm: &Alarm| alarm.kind == Kind::Drift && alarm.cleared.is_none() && alarm.told > end;
+    let is_taken_over = state.watches.stands(Cause::Change) || state.watches.stands(Cause::Pattern);
+    let drifts = drifts && (is_taken_over || !state.alarms.iter().any(is_early));
     let is_known = match finding {
         Finding::Quiet | Finding::Waiting => true,
         Finding::Drift(witness) => {
@@ -400,6 +408,14 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
         _ => false,
     };
     let sizes = tracker.state.alarms.iter().filter(by_evidence);
+    // Periods of a baseline in which the change was told come after it.
+    let is_still_to_come = |alarm: &Alarm| {
+        let onset = alarm.change.as_ref().map(|change| change.onset_q975);
+        onset.is_some_and(|onset| period.time() < onset)
+    };
+    if sizes.clone().any(is_still_to_come) {
+        return;
+    }
     let witnesses: Vec<_> = sizes.clone().map(|alarm| alarm.witness).collect();
     let size_of = |alarm: &Alarm| alarm.change.as_ref().map_or(0.0, |change| change.size.mean.abs());
     let (Some(size), Some(charted)) = (sizes.map(size_of).reduce(f64::max), period.charted) else {

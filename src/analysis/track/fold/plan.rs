@@ -11,6 +11,7 @@ use crate::signal::record::{RodId, Timestamp};
 use crate::track::alternatives::Alternatives;
 use crate::track::baseline::{Baseline, BaselineFault};
 use crate::track::drift::ThermalPrior;
+use crate::track::drift::period;
 use crate::track::drift::watch::Terms;
 use crate::track::observation::Observation;
 use crate::track::relative::Shift;
@@ -176,6 +177,14 @@ impl TrackPlan {
             thermal: self.compensates().then_some(thermal),
             reference_c,
             learning_periods: self.track.learning_periods,
+            commissioned_until: None,
         }
+    }
+
+    /// Start of the last period of commissioning \[d\], of a baseline that a change ended early.
+    pub(crate) fn commissioned_until(&self, baseline: &Baseline) -> Option<f64> {
+        let period_s = self.track.period_s;
+        let last = period::start_of(period::index_of(baseline.last, period_s), period_s);
+        (baseline.records < self.track.baseline_records).then(|| last.days())
     }
 }

@@ -204,12 +204,15 @@ BASES = (
 def event(name, moment=0.5):
     """What `name` says happens to the first rod at this share of its day, and the days that are followed."""
     sudden = {"days": SUDDEN_DAYS}
-    for word, per_cent in (("loss", -0.01), ("early", -0.01), ("long", -0.01), ("springs", -0.01), ("mass", 0.01), ("modulus", -0.01)):
+    for word, per_cent in (("loss", -0.01), ("soon", -0.01), ("early", -0.01), ("long", -0.01), ("springs", -0.01), ("mass", 0.01), ("modulus", -0.01)):
         if not name.startswith(word):
             continue
         size = per_cent * float(name[len(word) :])
         if word == "loss":
             return Change(day=CHANGE_DAY + moment, step=size), sudden
+        if word == "soon":
+            # After four records of the baseline or so.
+            return Change(day=3 + moment, step=size), sudden
         if word == "early":
             # Half-way through a baseline of 30 records.
             return Change(day=15 + moment, step=size), sudden

@@ -7,7 +7,7 @@
 
 use super::intake::mean_temperature;
 use super::loss::{Loss, Shown, judged};
-use super::monitor::{change_told, is_suspect};
+use super::monitor::{change_told, is_suspect, sized};
 use super::packed::Packed;
 use super::plan::TrackPlan;
 use super::tracker::Tracker;
@@ -363,12 +363,9 @@ impl Tracker {
 }
 
 fn message(change: &Change) -> String {
-    let size = &change.size;
     format!(
-        "the axial force changed by {:+.2} % (95 %: {:+.2} to {:+.2} %) while the baseline is being learned: if that is known and \
-         accepted, begin the baseline anew with `tirante rebaseline`",
-        100.0 * size.mean,
-        100.0 * size.q025,
-        100.0 * size.q975,
+        "the axial force {} while the baseline is being learned: if that is known and accepted, begin the baseline anew with \
+         `tirante rebaseline`",
+        sized(&change.size)
     )
 }

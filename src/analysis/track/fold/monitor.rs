@@ -12,7 +12,7 @@ use crate::track::drift::companions::PATIENCE;
 use crate::track::drift::others::{Neighbour as _, Others};
 use crate::track::drift::period::{self, Charted, Evidence, Period, combined_misfit};
 use crate::track::drift::watch::{DriftWatch, Finding, Terms, Witness};
-use crate::track::relative::Shift;
+use crate::track::relative::{Interval, Shift};
 use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Least probability of the misfit since its onset, by a change of axial force, for a drift.
@@ -34,6 +34,9 @@ const BLIND: (f64, f64) = (0.9, 0.7);
 
 /// Standard deviations of the predictive law from which a change of one period is detected.
 const TOLD_SD: f64 = 4.0;
+
+/// Standard deviations from zero below which a size has no direction.
+const SIGNED_SD: f64 = 0.5;
 
 /// Least credible stated error of a ratio \[-\].
 const LEAST_SD: f64 = 1e-6;
@@ -486,11 +489,6 @@ pub(super) fn static_sd(shift: Option<&Shift>, before: f64, now: f64) -> f64 {
 
 /// One sentence about a drift: as a fact where the modes leave no other kind of change, as one of several explanations where they do.
 pub(crate) fn drift_message(change: &Change, witness: Witness, alternatives: Option<&Explained>) -> String {
-    let size = &change.size;
-    let verb = if size.mean < 0.0 { "fell" } else { "rose" };
-    // Counted in the direction it went; below zero it may have gone the other way.
-    let toward = |fraction: f64| 100.0 * fraction * size.mean.signum();
-    let (one, other) = (toward(size.q025), toward(size.q975));
     let at = match witness {
         Witness::Peers | Witness::Blind => "",
         _ => " at the reference temperature",
@@ -507,12 +505,22 @@ pub(crate) fn drift_message(change: &Change, witness: Witness, alternatives: Opt
         Some(known) if known.is_axial() == Some(true) => ("", format!("; {}", known.certainty())),
         Some(open) => ("the frequencies changed as if ", format!("; {}", open.rivals())),
     };
+    let (went, since) = (sized(&change.size), date(change.onset));
+    format!("{as_if}the axial force{at} {went} since about {since}{who}{explained}")
+}
+
+/// A size in words, counted in the direction it went; below zero it may have gone the other way.
+pub(super) fn sized(size: &Interval) -> String {
+    let toward = |fraction: f64| 100.0 * fraction * size.mean.signum();
+    let (one, other) = (toward(size.q025), toward(size.q975));
+    let (low, high) = (one.min(other), one.max(other));
+    if size.mean.abs() < SIGNED_SD * size.sd {
+        return format!("changed by an amount that is not known yet (95 %: {low:.0} to {high:+.0} %)");
+    }
+    let verb = if size.mean < 0.0 { "fell" } else { "rose" };
     format!(
-        "{as_if}the axial force{at} {verb} by {:.2} % (95 %: {:.2} to {:.2} %) since about {}{who}{explained}",
-        toward(size.mean),
-        one.min(other),
-        one.max(other),
-        date(change.onset)
+        "{verb} by {:.2} % (95 %: {low:.2} to {high:.2} %)",
+        toward(size.mean)
     )
 }
 
@@ -553,6 +561,23 @@ fn axial_p(tracker: &Tracker, period: &Period, onset: Timestamp) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_size_without_a_direction_neither_rose_nor_fell() {
+        let size = |mean, sd: f64| {
+            sized(&Interval {
+                mean,
+                sd,
+                q025: mean - 1.96 * sd,
+                q975: mean + 1.96 * sd,
+            })
+        };
+        assert_eq!(size(-0.03, 0.005), "fell by 3.00 % (95 %: 2.02 to 3.98 %)");
+        assert_eq!(size(0.03, 0.02), "rose by 3.00 % (95 %: -0.92 to 6.92 %)");
+        let unknown = "changed by an amount that is not known yet (95 %: -24 to +24 %)";
+        assert_eq!(size(0.0, 0.12), unknown);
+        assert_eq!(size(-1e-4, 0.12), unknown);
+    }
 
     #[test]
     fn a_change_is_not_ended_by_a_detector_that_knows_less_than_its_witness() {

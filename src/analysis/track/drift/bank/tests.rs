@@ -247,7 +247,7 @@ fn a_bank_is_read_back_as_it_was_kept() {
     }
     let change = bank.with_change(0.015);
     assert!(
-        change.count % LANES != 0 && change.count < bank.count,
+        !change.count.is_multiple_of(LANES) && change.count < bank.count,
         "{}",
         change.count
     );

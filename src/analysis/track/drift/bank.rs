@@ -100,10 +100,10 @@ impl Bank {
         blocks.flat_map(|block| &mut block.weight).take(self.count)
     }
 
-    /// A copy without members of less than a weight.
-    fn without_negligible(&self, least: f64) -> Self {
-        let kept = self.places().filter(|(block, lane)| block.weight[*lane] >= least);
-        let kept: Vec<_> = kept.collect();
+    /// A copy without negligible members.
+    fn without_negligible(&self) -> Self {
+        let counts = |(block, lane): &(&Block, usize)| block.weight[*lane] >= NEGLIGIBLE_WEIGHT;
+        let kept: Vec<_> = self.places().filter(counts).collect();
         let mut bank = Self {
             day: self.day,
             count: kept.len(),
@@ -115,14 +115,11 @@ impl Bank {
 
     /// A copy in which the change has standard deviation `size`, without negligible members.
     pub fn with_change(&self, size: f64) -> Self {
-        let mut bank = self.without_negligible(NEGLIGIBLE_WEIGHT);
-        bank.wander(size * size);
+        let mut bank = self.without_negligible();
+        bank.blocks
+            .iter_mut()
+            .for_each(|block| block.widen(0, size * size));
         bank
-    }
-
-    /// Adds to the variance of the change.
-    pub fn wander(&mut self, variance: f64) {
-        self.blocks.iter_mut().for_each(|block| block.widen(0, variance));
     }
 
     /// Makes weights sum to one.
@@ -134,7 +131,7 @@ impl Bank {
     /// Forgets members whose weight is negligible.
     pub fn prune(&mut self) {
         if self.weights().any(|weight| *weight < NEGLIGIBLE_WEIGHT) {
-            *self = self.without_negligible(NEGLIGIBLE_WEIGHT);
+            *self = self.without_negligible();
         } else {
             self.normalise();
         }

@@ -57,11 +57,6 @@ impl Block {
     pub fn new(members: &[Member]) -> Self {
         let lanes: [usize; LANES] = std::array::from_fn(|l| l.min(members.len() - 1));
         let of = |number: fn(&Member) -> f64| lanes.map(|l| number(&members[l]));
-        let mut weight = of(|member| member.weight);
-        weight
-            .iter_mut()
-            .skip(members.len())
-            .for_each(|weight| *weight = 0.0);
         let width = members[0].mean.len();
         let mut state = vec![[0.0; LANES]; width + members[0].cov.len()];
         for (l, lane) in lanes.into_iter().enumerate() {
@@ -70,7 +65,7 @@ impl Block {
         }
         Self {
             which: lanes.map(|l| members[l].which),
-            weight,
+            weight: std::array::from_fn(|l| members.get(l).map_or(0.0, |member| member.weight)),
             shape: of(|member| member.shape),
             rate: of(|member| member.rate),
             width,
@@ -81,11 +76,6 @@ impl Block {
     /// The first of some members of blocks, as many as there are lanes; there is one at least.
     pub fn of(members: &[(&Self, usize)]) -> Self {
         let lanes: [(&Self, usize); LANES] = std::array::from_fn(|l| members[l.min(members.len() - 1)]);
-        let mut weight = lanes.map(|(block, lane)| block.weight[lane]);
-        weight
-            .iter_mut()
-            .skip(members.len())
-            .for_each(|weight| *weight = 0.0);
         let first = lanes[0].0;
         let mut state = vec![[0.0; LANES]; first.state.len()];
         for (l, (block, lane)) in lanes.into_iter().enumerate() {
@@ -95,7 +85,7 @@ impl Block {
         }
         Self {
             which: lanes.map(|(block, lane)| block.which[lane]),
-            weight,
+            weight: std::array::from_fn(|l| members.get(l).map_or(0.0, |(block, lane)| block.weight[*lane])),
             shape: lanes.map(|(block, lane)| block.shape[lane]),
             rate: lanes.map(|(block, lane)| block.rate[lane]),
             width: first.width,

@@ -2,6 +2,7 @@
 
 use super::progress::Progress;
 use crate::analysis::inference;
+use crate::analysis::track::settings::TemperatureUse;
 use crate::config::settings::credential::CredentialPath;
 use crate::config::{Config, ConfigError, RodConfig, Setting};
 use crate::service::http::Access;
@@ -54,6 +55,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             for rod in &config.rods {
                 if !args.quiet {
                     name_sensors(rod);
+                    name_blindness(rod, &config);
                 }
                 doubt_dates(rod);
             }
@@ -153,6 +155,17 @@ fn name_sensors(rod: &RodConfig) {
             named.len(),
             named.join(", "),
             beside.wait_s / 3600.0
+        );
+    }
+}
+
+/// Says what is not told of a rod without a thermometer, on stderr.
+fn name_blindness(rod: &RodConfig, config: &Config) {
+    if rod.channels.temperature.is_none() && config.track.temperature == TemperatureUse::Compensate {
+        tell!(
+            "rod {}: no thermometer ([rod.temperature]): unless its tables bring a temperature, only sudden changes are told that are \
+             larger than what the weather does from record to record, and no slow ones (docs/alarms.md); `tirante status` shows how large",
+            rod.analysis.rod
         );
     }
 }

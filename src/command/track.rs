@@ -10,6 +10,7 @@ use crate::analysis::outcome::{Outcome, TableRow};
 use crate::analysis::signal::record::{Reading, RodId};
 use crate::analysis::track::{Alarm, AlarmEvent};
 use crate::config::Config;
+use crate::recording::import::DateOrder;
 use crate::recording::import::frequencies::{self, FrequencyRow};
 use crate::site::store::StoreError;
 use crate::site::trackers::{Site, Taken};
@@ -39,8 +40,8 @@ A table (CSV, or with semicolons or tabs) names its columns in the first line, i
   2026-03-01T12:00:00Z,nave-3,4.4870,0.0024,,,
 
 `time` is ISO 8601 (UTC where no zone is said) or seconds since 1970; `sd1_hz`
-is the standard error of `f1_hz`. An empty cell is a value that is missing:
-above, mode 2 of the last record. A row without frequencies is a temperature, of
+is the standard error of `f1_hz`. An empty cell (or nan, null, NA, -) is a value
+that is missing: above, mode 2 of the last record. A row without frequencies is a temperature, of
 every rod if it names none. `rms` (of the samples, one unit throughout) and
 `duration_s` may be there. Rows of all tables are taken in the order of their
 times. The configuration is that of `replay`, from `tirante init`; where its
@@ -68,6 +69,10 @@ pub struct Args {
     #[arg(long)]
     pub decimal_comma: bool,
 
+    /// Order of day and month in dates such as 03/04/2026.
+    #[arg(long, value_enum)]
+    pub dates: Option<DateOrder>,
+
     /// Configuration of the run.
     #[command(flatten)]
     pub setup: Setup,
@@ -86,7 +91,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let config = args.setup.load()?;
     let mut rows = Vec::new();
     for path in &args.paths {
-        rows.extend(read(path, args.decimal_comma, &config)?);
+        rows.extend(read(path, args, &config)?);
     }
     // Ties in a fixed order: the same rows are followed alike however they are split into tables.
     rows.sort_by(|a, b| {
@@ -176,10 +181,10 @@ fn fold(site: &mut Site, outcome: &Outcome) -> Result<Option<Taken>, StoreError>
 }
 
 /// Reads the rows of a table; every rod must be configured, and every record's rod known.
-fn read(path: &Path, decimal_comma: bool, config: &Config) -> anyhow::Result<Vec<FrequencyRow>> {
+fn read(path: &Path, args: &Args, config: &Config) -> anyhow::Result<Vec<FrequencyRow>> {
     let named = || path.display();
     let file = File::open(path).with_context(|| named().to_string())?;
-    let table = frequencies::read(BufReader::new(file), decimal_comma)
+    let table = frequencies::read(BufReader::new(file), args.decimal_comma, args.dates)
         .map_err(|error| anyhow!("{}: {error}", named()))?;
     if !table.unused.is_empty() {
         tell!("{}: left out: column {}", named(), table.unused.join(", "));

@@ -188,6 +188,21 @@ fn a_full_stdout_is_exit_1_and_a_full_stderr_loses_nothing() {
 }
 
 #[test]
+fn a_site_without_a_thermometer_is_told_so_beforehand() {
+    let says = |arguments: &[&str]| {
+        let mut command = program(ROOT);
+        command.arg("check").args(arguments);
+        Said::of("check", &mut command).ends(0).err
+    };
+    let said = says(&["config/campaign.toml"]);
+    assert!(!said.contains("no thermometer"), "{said}");
+    let said = says(&[]);
+    assert!(said.contains("no thermometer ([rod.temperature])"), "{said}");
+    assert!(!says(&["--set", "track.temperature=ignore"]).contains("no thermometer"));
+    assert_eq!(says(&["--quiet"]), "");
+}
+
+#[test]
 fn a_secret_that_others_can_read_is_refused_before_the_daemon_starts() {
     use std::os::unix::fs::PermissionsExt;
     let folder = tempfile::tempdir().unwrap();

@@ -9,6 +9,8 @@ mod late_others;
 mod losses;
 mod months;
 mod relative;
+mod rods;
+mod silence;
 mod tested;
 mod tracking_coverage;
 mod tracking_trouble;

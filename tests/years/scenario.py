@@ -10,6 +10,8 @@ import numpy as np
 # Thermometers fail on this day, rods change at some time of that one.
 FAULT_DAY = 100.0
 CHANGE_DAY = 150
+# Daily records come an hour before or after this one.
+RECORD_HOUR = 11.0
 # Days followed: a year after 60 days; for what happens suddenly 90 days after it.
 DAYS, SUDDEN_DAYS = 426, 241
 
@@ -44,6 +46,9 @@ class Change:
     # Sudden change of force, and its rate per year, as shares of N_0.
     step: float = 0.0
     per_year: float = 0.0
+    # A second sudden change, days after the first.
+    again: float = 0.0
+    again_days: float = 30.0
     # Factors on both springs, on the mass per length and on the modulus.
     springs: float = 1.0
     mass: float = 1.0
@@ -56,7 +61,8 @@ class Change:
     def at(self, days):
         """The change of force at these days."""
         later = np.maximum(days - self.day, 0.0)
-        return np.where(days >= self.day, self.step, 0.0) + self.per_year * later / 365.25
+        steps = np.where(days >= self.day, self.step, 0.0) + np.where(later >= self.again_days, self.again, 0.0)
+        return steps + self.per_year * later / 365.25
 
 
 @dataclass(frozen=True)
@@ -75,12 +81,20 @@ class World:
     fault: tuple = None
     records_per_day: int = 1
     missing: float = 0.03
+    # No record and no reading between these days.
+    silent: tuple = (0.0, 0.0)
     # Share of the memory's variance that all rods of the site have in common.
     common: float = 0.5
-    # Records of the baseline, a day each.
+    # Records of the baseline.
     baseline: int = 30
     change: Change = field(default_factory=Change)
     changes: bool = False
+
+    @property
+    def shown_day(self):
+        """The day from which on records show the change."""
+        begin, end = self.silent
+        return end if begin <= self.change.day < end else self.change.day
 
 
 def uniform(rng, low, high):
@@ -166,6 +180,12 @@ def base(name, rng, count):
         make = lambda r: replace(quiet(r), outliers=0.02)
     elif name in ("stuck", "thdrift", "offset", "dead"):
         site["fault"] = ("drift" if name == "thdrift" else name, FAULT_DAY)
+    elif name in ("jump", "jumpfull"):
+        make = quiet if name == "jump" else restrained
+        site["fault"] = ("offset", FAULT_DAY, even_in_log(rng, 2.0, 20.0) * sign(rng))
+    elif name in ("fahrenheit", "fahrenheitfull"):
+        make = quiet if name == "fahrenheit" else restrained
+        site["fault"] = ("fahrenheit", FAULT_DAY)
     elif name == "none":
         site["reading_hours"] = ()
     elif name == "nonefull":
@@ -175,6 +195,9 @@ def base(name, rng, count):
         site |= once | {"reading_every": (3, 4)}
     elif name == "many":
         site["records_per_day"] = 6
+    elif name in ("hourly", "hourlyfull"):
+        make = quiet if name == "hourly" else restrained
+        site["records_per_day"] = 24
     elif name == "line":
         make = lambda r: replace(quiet(r), line=1 / 3, line_offset=uniform(r, 0.001, 0.002) * sign(r), line_pull=0.5)
     elif name == "linestrong":
@@ -197,19 +220,25 @@ def base(name, rng, count):
 
 BASES = (
     "benign full daily15h masonry8 masonry30 ar5 ar20 harsh winter season outl stuck thdrift offset dead none nonefull twoaweek many "
-    "line linestrong held held2"
+    "jump jumpfull fahrenheit fahrenheitfull hourly hourlyfull line linestrong held held2"
 ).split()
 
 
 def event(name, moment=0.5):
     """What `name` says happens to the first rod at this share of its day, and the days that are followed."""
     sudden = {"days": SUDDEN_DAYS}
-    for word, per_cent in (("loss", -0.01), ("soon", -0.01), ("early", -0.01), ("long", -0.01), ("springs", -0.01), ("mass", 0.01), ("modulus", -0.01)):
+    for word, per_cent in (("loss", -0.01), ("gap", -0.01), ("soon", -0.01), ("early", -0.01), ("long", -0.01), ("springs", -0.01), ("mass", 0.01), ("modulus", -0.01)):
         if not name.startswith(word):
             continue
-        size = per_cent * float(name[len(word) :])
+        first, _, second = name[len(word) :].partition("then")
+        size = per_cent * float(first)
         if word == "loss":
-            return Change(day=CHANGE_DAY + moment, step=size), sudden
+            return Change(day=CHANGE_DAY + moment, step=size, again=per_cent * float(second or 0)), sudden
+        if word == "gap":
+            # One to four months without a record, in which the rod changes.
+            end, silent_days = CHANGE_DAY + (RECORD_HOUR - 1.0) / 24.0, 30.0 + 100.0 * moment
+            day = end - silent_days * ((7.0 * moment) % 1.0)
+            return Change(day=day, step=size), sudden | {"silent": (end - silent_days, end)}
         if word == "soon":
             # After four records of the baseline or so.
             return Change(day=3 + moment, step=size), sudden
@@ -228,7 +257,7 @@ def event(name, moment=0.5):
         return Change(day=CHANGE_DAY + moment, per_year=-0.01 * float(name[5:])), {"days": DAYS}
     if name.startswith("late"):
         return Change(day=DAYS - 2 + moment, per_year=-0.01 * float(name[4:])), {"days": DAYS + 220}
-    raise ValueError(f"nothing called {name} happens: loss3, early3, long3, first2, late2, springs20, mass1, modulus3")
+    raise ValueError(f"nothing called {name} happens: loss3, loss3then5, gap40, soon40, early3, long3, first2, late2, springs20, mass1, modulus3")
 
 
 def world(name, rng, count):
@@ -238,4 +267,7 @@ def world(name, rng, count):
     if not happening:
         return drawn
     change, site = event(happening, float(rng.random()))
+    if happening.startswith(("soon", "early", "long")):
+        # While the baseline is learned: so many records, not days.
+        change = replace(change, day=change.day / drawn.records_per_day)
     return replace(drawn, change=change, changes=True, **site)

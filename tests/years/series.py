@@ -130,15 +130,21 @@ class Site:
             dates = np.array([date for date in dates if date < world.days])
             days = np.sort((dates[:, None] + np.array(world.reading_hours)[None, :] / 24.0).ravel())
             days = days + world.reading_jitter_h / 24.0 * rng.uniform(-1.0, 1.0, len(days))
-        return weather.readings(self.air, days, rng, world.fault)
+        days, celsius = weather.readings(self.air, days, rng, world.fault)
+        kept = ~self.is_silent(days)
+        return days[kept], celsius[kept]
+
+    def is_silent(self, days):
+        begin, end = self.world.silent
+        return (days >= begin) & (days < end)
 
     def record(self, rng, number, fast, slow, common):
         """Times [days], frequencies and standard errors [Hz], and the force ratio of one rod's records."""
         world, way = self.world, self.world.rods[number]
         per_day = world.records_per_day
-        days = np.repeat(np.arange(world.days), per_day) + np.tile((11.0 / 24.0 + np.arange(per_day) / per_day) % 1.0, world.days)
+        days = np.repeat(np.arange(world.days), per_day) + np.tile((scenario.RECORD_HOUR / 24.0 + np.arange(per_day) / per_day) % 1.0, world.days)
         days = np.sort(days + rng.uniform(-1.0, 1.0, len(days)) / 24.0)
-        days = days[rng.random(len(days)) >= world.missing]
+        days = days[(rng.random(len(days)) >= world.missing) & ~self.is_silent(days)]
         hours = self.air.hours / weather.HOURS
         fast, slow = np.interp(days, hours, fast), np.interp(days, hours, slow)
         own = weather.memory(rng, 1.0, way.memory_days * weather.HOURS, (len(hours),))

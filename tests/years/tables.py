@@ -189,7 +189,7 @@ LOSS3_DAYS = 2
 # Daily records come up to an hour early or late.
 JITTER_DAYS = 0.1
 # Worlds whose thermometer moves by itself: every rod follows, and the site says so once.
-THERMOMETER = ("thdrift", "offset")
+THERMOMETER = ("thdrift", "offset", "jump", "jumpfull")
 
 
 def requirements(found):
@@ -240,7 +240,7 @@ def requirements(found):
             plain = [rod for rod in rods if rod.claims_force]
             need(interval(len(plain), len(rods))[0] <= 0.05, f"{name}: {len(plain)} of {len(rods)} say that the axial force fell, 1 in 20 allowed")
         sized = [rod for rod in rods if rod.size_held is not None]
-        if change.step and change.day > 40 and sized:
+        if change.step and not change.again and change.day > 40 and sized:
             for what, hits in (
                 ("sizes", sum(rod.size_held for rod in sized)),
                 ("onsets", sum(rod.onset_held for rod in sized)),

@@ -21,6 +21,7 @@ class Rod:
     site: int
     rod: str
     changes: bool
+    # From which on its records show the change.
     change_day: float
     # Days since the first record's day on which alarms were raised, by kind, in the order they were told: (told, raised).
     raised: dict = field(default_factory=dict)
@@ -68,7 +69,7 @@ def judge(site, index, lines):
     for number, name in enumerate(site.names):
         changes = world.changes and number == 0
         own = [(day_of(start, line["start"]), line) for line in lines if line["rod"] == name]
-        verdict = Rod(world.name, index, name, changes, world.change.day, records=len(own))
+        verdict = Rod(world.name, index, name, changes, world.shown_day, records=len(own))
         for day, line in own:
             if line.get("rejection"):
                 verdict.rejected += 1
@@ -78,7 +79,7 @@ def judge(site, index, lines):
             for event in line["events"]:
                 if event["what"] == "raised":
                     verdict.raised.setdefault(event["kind"], []).append((day, day_of(start, event["time"])))
-            if day >= (world.change.day if changes else CHARTED[0]):
+            if day >= (world.shown_day if changes else CHARTED[0]):
                 verdict.claims_force |= any(map(claims_force, line["alarms"]))
                 verdict.denies_force |= any(map(denies_force, line["alarms"]))
                 verdict.weighed |= any(alarm.get("alternatives") for alarm in line["alarms"])
@@ -87,11 +88,11 @@ def judge(site, index, lines):
         shown = [(day, line) for day, line in own if line.get("relative_force_at_reference")]
         wanted = [at for at in (120.0, world.days - 0.5) if at < world.days]
         if changes:
-            wanted = [world.change.day + 60.0]
+            wanted = [world.shown_day + 60.0]
         for at in wanted:
             before = [(day, line) for day, line in shown if at - 7.0 < day <= at]
             if before:
-                verdict.coverage.append(held(site, number, learned(site, verdict), *before[-1]))
+                verdict.coverage.append(held(site, number, learned(site, number, verdict), *before[-1]))
         if own:
             last_day, last = own[-1]
             verdict.state = last["state"]
@@ -120,11 +121,11 @@ def denies_force(alarm):
     return any(one["kind"] == "force" and one["probability"] <= 1 / 21 for one in kinds)
 
 
-def learned(site, verdict):
+def learned(site, number, verdict):
     """Days of the records of a rod's baseline: a change that is told while it is learned ends it."""
-    days = np.arange(site.world.baseline) + 0.5
+    days = site.records[number]["days"][: site.world.baseline]
     told = [day for kind in ("drift", "limit") for day, _ in verdict.raised.get(kind, [])]
-    is_told = verdict.changes and any(site.world.change.day <= day < site.world.baseline for day in told)
+    is_told = verdict.changes and any(site.world.change.day <= day < days[-1] for day in told)
     return days[days < site.world.change.day] if is_told else days
 
 
@@ -166,7 +167,7 @@ def look_at_change(site, number, own, verdict):
         return
     day, said = stated[-1]
     # As a share of the baseline's mean force, which the season moves by a tenth and more where the walls hold the rod.
-    ratio = site.records[number]["ratio"][: len(learned(site, verdict))]
+    ratio = site.records[number]["ratio"][: len(learned(site, number, verdict))]
     size = float(change.at(day) / np.exp(np.log(ratio).mean()))
     verdict.size_held = said["size"]["q025"] <= size <= said["size"]["q975"]
     dated = [[day_of(site.start, one[key]) for key in ("onset_q025", "onset_q975")] for one in (said, every[-1][1])]

@@ -56,11 +56,12 @@ class Air:
 def readings(air, days, rng, fault=None):
     """What a thermometer with 0.1 K noise and digits of 0.1 K says at these times [days]: (times, degC).
 
-    `fault`: None, or (kind, day): `stuck` at its last reading, `drift` of 0.03 K a day, `offset` of 2 K, `dead`.
+    `fault`: None, or (kind, day): `stuck` at its last reading, `drift` of 0.03 K a day, `offset` of 2 K or as many as follow,
+    `fahrenheit`, `dead`.
     """
     celsius = air.at(days) + 0.1 * rng.standard_normal(len(days))
     if fault is not None:
-        kind, since = fault
+        kind, since, *size_k = fault
         late = days >= since
         if kind == "dead":
             days, celsius = days[~late], celsius[~late]
@@ -69,7 +70,9 @@ def readings(air, days, rng, fault=None):
         elif kind == "drift":
             celsius[late] += 0.03 * (days[late] - since)
         elif kind == "offset":
-            celsius[late] += 2.0
+            celsius[late] += size_k[0] if size_k else 2.0
+        elif kind == "fahrenheit":
+            celsius[late] = 32.0 + 1.8 * celsius[late]
         else:
             raise ValueError(f"no fault {kind}")
     return days, np.round(celsius, 1)

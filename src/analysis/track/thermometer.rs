@@ -20,6 +20,10 @@ const SILENT_K_PER_DAY: f64 = 0.5;
 const DOUBTED_K_PER_DAY: f64 = 0.1;
 const MOST_K: f64 = 45.0;
 
+/// Most by which readings in degrees Fahrenheit, converted, differ from one to the next \[K\]: less than what a return to Celsius makes
+/// from -12 degC on.
+const CONVERTED_K: f64 = 10.0;
+
 /// Memory for judging the next reading.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Thermometer {
@@ -27,6 +31,9 @@ pub struct Thermometer {
     last: Option<Reading>,
     /// Time since which readings have lain far from it.
     away: Option<Timestamp>,
+    /// Last reading since it went away as one in degrees Fahrenheit would, converted \[degC\].
+    #[serde(default)]
+    converted_c: Option<f64>,
     /// Law of its own standstills.
     #[serde(default)]
     standstill: Standstill,
@@ -46,6 +53,8 @@ const SILENT_S: f64 = 2.0 * 86_400.0;
 pub enum Doubt {
     /// It lies far from the readings before.
     Jump,
+    /// It lies where it would in degrees Fahrenheit.
+    Fahrenheit,
     /// It has not changed for longer than this thermometer's readings do.
     Still,
 }
@@ -81,6 +90,9 @@ impl Thermometer {
         match self.doubt {
             None => "no reading comes",
             Some(Doubt::Jump) => "the temperature jumped: check unit and wiring of the thermometer",
+            Some(Doubt::Fahrenheit) => {
+                "the temperature jumped as from degrees Celsius to Fahrenheit: check the unit of the thermometer"
+            }
             Some(Doubt::Still) => {
                 "the temperature has not changed for longer than it ever should: check the thermometer"
             }
@@ -97,15 +109,28 @@ impl Thermometer {
             return None;
         };
         let passed_s = reading.time.seconds_since(last.time);
+        let converted_c = (reading.celsius - 32.0) / 1.8;
+        let is_near = |celsius: f64| (converted_c - celsius).abs() <= CONVERTED_K;
+        // In winter degrees Fahrenheit come near what they were in Celsius in summer.
+        if self.converted_c.is_some_and(is_near) {
+            self.converted_c = Some(converted_c);
+            return Some(Doubt::Fahrenheit);
+        }
         let away = self.away.unwrap_or(reading.time);
         let days = |from: Timestamp, to: Timestamp| to.seconds_since(from).abs() / 86_400.0;
         let jump_k =
             JUMP_K + SILENT_K_PER_DAY * days(last.time, away) + DOUBTED_K_PER_DAY * days(away, reading.time);
         if (reading.celsius - last.celsius).abs() > jump_k.min(MOST_K) {
             self.away = Some(away);
-            return Some(Doubt::Jump);
+            let is_fahrenheit = self.converted_c.is_some() || is_near(last.celsius);
+            self.converted_c = is_fahrenheit.then_some(converted_c);
+            return Some(if is_fahrenheit {
+                Doubt::Fahrenheit
+            } else {
+                Doubt::Jump
+            });
         }
-        self.away = None;
+        (self.away, self.converted_c) = (None, None);
         if passed_s <= 0.0 {
             return None;
         }
@@ -155,6 +180,26 @@ mod tests {
         let mut thermometer = of_a_month();
         thermometer.last = Some(reading(719.0, -2.0));
         assert!(thermometer.believes(&reading(720.0 + 24.0 * 150.0, 33.0)));
+    }
+
+    /// A year from May on: in January they read less than in Celsius on the day of the change.
+    #[test]
+    fn degrees_fahrenheit_are_not_believed_in_winter_either() {
+        let mut thermometer = of_a_month();
+        let celsius = |hour: f64| {
+            let (day, year) = (
+                hour / 24.0 * std::f64::consts::TAU,
+                hour / 8766.0 * std::f64::consts::TAU,
+            );
+            10.0 + 12.0 * year.sin() + 5.0 * day.sin()
+        };
+        for hour in (0..8766).step_by(7).map(f64::from) {
+            let wrong = reading(720.0 + hour, 1.8 * celsius(hour) + 32.0);
+            assert!(!thermometer.believes(&wrong), "{hour} {}", wrong.celsius);
+        }
+        assert!(thermometer.message().contains("Fahrenheit"));
+        assert!(thermometer.believes(&reading(720.0 + 8767.0, celsius(8767.0))));
+        assert!(thermometer.believes(&reading(720.0 + 8768.0, celsius(8768.0))));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::csv::Splitter;
 use super::lines::Lines;
-use super::stamp::{self, SINCE_2001, TimeUnit};
+use super::stamp::{self, DateOrder, SINCE_2001, TimeUnit};
 use super::{ImportError, MOST_VALUES};
 use crate::analysis::rod::beam::forward::MAX_MODES;
 use crate::analysis::signal::modes::Mode;
@@ -77,12 +77,17 @@ impl Column {
 
 /// Reads a table. The first line names the columns: `time` (ISO 8601, UTC where no zone is given, or seconds
 /// since 1970), `rod`, `f1_hz`, `sd1_hz`, `f2_hz`, ..., `temperature_c`, `rms`, `duration_s`, in any order;
-/// only `time` must be there. Empty cells are missing values. The delimiter (comma, semicolon, tab) is the
-/// first that the head holds; `decimal_comma` for `4,492`.
+/// only `time` must be there. Empty cells, `nan`, `null`, `NA` and `-` are missing values; every row has as many cells
+/// as the first line. The delimiter (comma, semicolon, tab) is the
+/// first that the head holds; `decimal_comma` for `4,492`, `dates` for 03/04/2026.
 ///
 /// # Errors
 /// The first thing that is wrong, with line and column.
-pub fn read(from: impl BufRead, decimal_comma: bool) -> Result<Frequencies, ImportError> {
+pub fn read(
+    from: impl BufRead,
+    decimal_comma: bool,
+    dates: Option<DateOrder>,
+) -> Result<Frequencies, ImportError> {
     let mut lines = Lines::new(from);
     let head = loop {
         match lines.next_text()? {
@@ -97,7 +102,7 @@ pub fn read(from: impl BufRead, decimal_comma: bool) -> Result<Frequencies, Impo
         .unwrap_or(&b',');
     let mut splitter = Splitter::new(delimiter);
     let names = splitter.split(&head, lines.number())?;
-    let table = Table::new(names, lines.number(), decimal_comma)?;
+    let table = Table::new(names, lines.number(), decimal_comma, dates)?;
     let mut rows = Vec::new();
     while let Some(line) = lines.next_text()? {
         let line = line.into_owned();
@@ -120,10 +125,16 @@ struct Table {
     names: Vec<String>,
     columns: Vec<Option<Column>>,
     decimal_comma: bool,
+    dates: Option<DateOrder>,
 }
 
 impl Table {
-    fn new(names: Vec<String>, line: u32, decimal_comma: bool) -> Result<Self, ImportError> {
+    fn new(
+        names: Vec<String>,
+        line: u32,
+        decimal_comma: bool,
+        dates: Option<DateOrder>,
+    ) -> Result<Self, ImportError> {
         let columns: Vec<Option<Column>> = names.iter().map(|name| Column::of(name)).collect();
         let refuse = |what: String| Err(ImportError::at(format_args!("line {line}"), what));
         for (index, column) in columns.iter().enumerate() {
@@ -164,6 +175,7 @@ impl Table {
             names,
             columns,
             decimal_comma,
+            dates,
         })
     }
 
@@ -177,10 +189,16 @@ impl Table {
 
     /// A row; `None` if it holds neither frequency nor temperature.
     fn row(&self, cells: &[String], line: u32) -> Result<Option<FrequencyRow>, ImportError> {
-        if cells.len() > self.names.len() {
+        let (count, named) = (cells.len(), self.names.len());
+        if count != named {
+            let hint = if count < named {
+                ": it is cut off, or its last delimiters are missing (a missing value is an empty cell)"
+            } else {
+                ""
+            };
             return Err(ImportError::at(
                 format_args!("line {line}"),
-                format!("{} cells, the first line names {}", cells.len(), self.names.len()),
+                format!("{count} cells, the first line names {named}{hint}"),
             ));
         }
         let cells = Cells {
@@ -262,8 +280,10 @@ impl Cells<'_> {
             return Ok(Timestamp::from_nanos(written.nanos));
         }
         let day = Timestamp::as_written(text);
-        day.or_else(|_| stamp::date(text, None, 0).map(|written| Timestamp::from_nanos(written.nanos)))
-            .map_err(|what| self.at(Column::Time, format!("\"{text}\" {what}")))
+        day.or_else(|_| {
+            stamp::date(text, self.table.dates, 0).map(|written| Timestamp::from_nanos(written.nanos))
+        })
+        .map_err(|what| self.at(Column::Time, format!("\"{text}\" {what}")))
     }
 
     fn number(
@@ -295,6 +315,7 @@ impl Cells<'_> {
             let Some(frequency_hz) = self.number(frequency, is_hz, wanted)? else {
                 continue;
             };
+            let wanted = "a standard error in hertz above 0: no frequency is measured without one";
             let Some(sd_hz) = self.number(sd, is_hz, wanted)? else {
                 return Err(self.at(sd, format!("is empty beside f{order}_hz = {frequency_hz}")));
             };
@@ -320,7 +341,7 @@ mod tests {
     use super::*;
 
     fn rows(text: &str) -> Result<Vec<FrequencyRow>, String> {
-        read(text.as_bytes(), false)
+        read(text.as_bytes(), false, None)
             .map(|table| table.rows)
             .map_err(|error| error.to_string())
     }
@@ -332,8 +353,8 @@ mod tests {
                     \n\
                     2026-03-01 07:00,,,,,,9.0,\n\
                     1772352000,north,-,,9.31,0.01,nan\n\
-                    2026-03-02,north,,,,,\n";
-        let table = read(text.as_bytes(), false).unwrap();
+                    2026-03-02,north,,,,,,\n";
+        let table = read(text.as_bytes(), false, None).unwrap();
         assert_eq!(table.unused, ["zeta1"]);
         let [first, warm, second] = &table.rows[..] else {
             panic!("{:?}", table.rows)
@@ -349,7 +370,7 @@ mod tests {
     #[test]
     fn semicolons_and_decimal_commas() {
         let text = "time;f1_hz;sd1_hz\n01.03.2026 06:00;4,492;0,004\n";
-        let table = read(text.as_bytes(), true).unwrap();
+        let table = read(text.as_bytes(), true, None).unwrap();
         assert_eq!(table.rows[0].modes[0].frequency_hz, 4.492);
         assert_eq!(table.rows[0].time.as_nanos(), 1_772_344_800_000_000_000);
         assert!(rows(text).unwrap_err().contains("--decimal-comma"));
@@ -363,12 +384,22 @@ mod tests {
             "line 2, column 3 (f1_hz): \"4.5x\" is not a number of hertz above 0 and up to 100000"
         );
         assert!(of("2026-03-01T06:00:00Z,a,4.5,,,").contains("line 2, column 4 (sd1_hz): is empty beside"));
-        assert!(of("2026-03-01T06:00:00Z,a,4.5,0,,").contains("column 4"));
+        assert!(
+            of("2026-03-01T06:00:00Z,a,4.5,0,,").contains("column 4 (sd1_hz): \"0\" is not a standard error")
+        );
         assert!(of("2026-03-01T06:00:00Z,a,4.5,0.01,4.4,0.01").contains("column 5 (f2_hz): is not above"));
         assert!(of(",a,4.5,0.01,,").contains("column 1 (time): is empty"));
         assert!(of("12.5,a,4.5,0.01,,").contains("before 2001"));
         assert!(of("yesterday,a,4.5,0.01,,").contains("\"yesterday\""));
         assert!(of("2026-03-01T06:00:00Z,a,4.5,0.01,,,,7").contains("8 cells, the first line names 6"));
+        assert!(
+            of("2026-03-01T06:00:00Z,a,4.5,0.01")
+                .contains("line 2: 4 cells, the first line names 6: it is cut off")
+        );
+        let american = "time,f1_hz,sd1_hz\n03/04/2026 06:00,4.5,0.01\n";
+        assert!(rows(american).unwrap_err().contains("--dates"));
+        let read = read(american.as_bytes(), false, Some(DateOrder::MonthFirst)).unwrap();
+        assert_eq!(read.rows[0].time.to_string(), "2026-03-04T06:00:00Z");
         for (head, says) in [
             ("rod,f1_hz,sd1_hz", "no column is called time"),
             ("time,f1_hz", "has no sd1_hz"),

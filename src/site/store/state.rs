@@ -127,6 +127,7 @@ impl Kept {
             readings,
             filters,
             early,
+            scatter,
             before,
             closed,
             alarms,

@@ -217,6 +217,7 @@ pub fn state(rod: &RodId, number: i64) -> State {
         ],
         filters: filters(number),
         watch: tirante::analysis::track::fold::packed::Packed::default(),
+        scatter: Default::default(),
         before: None,
         early: None,
         closed: Some(number.div_euclid(24)),

@@ -122,6 +122,16 @@ impl Bank {
         bank
     }
 
+    /// A copy in which the change is what it came to by now, `so_far` times c, and as much more as has standard deviation `size`.
+    pub fn changed_again(&self, so_far: f64, size: f64) -> Self {
+        let mut bank = self.without_negligible();
+        for block in &mut bank.blocks {
+            block.scale_change(so_far);
+            block.widen(0, size * size);
+        }
+        bank
+    }
+
     /// Makes weights sum to one.
     fn normalise(&mut self) {
         let total: f64 = self.weights().map(|weight| *weight).sum();

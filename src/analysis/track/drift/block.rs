@@ -117,6 +117,16 @@ impl Block {
         }
     }
 
+    /// Puts the change, the first entry of the state, into units of `unit`: c becomes `unit` times what it was.
+    pub fn scale_change(&mut self, unit: f64) {
+        let scaled = |lanes: &mut Lanes| lanes.iter_mut().for_each(|value| *value *= unit);
+        scaled(&mut self.state[0]);
+        for entry in 0..self.width {
+            scaled(&mut self.state[self.width + place(self.width, 0, entry)]);
+        }
+        scaled(&mut self.state[self.width + place(self.width, 0, 0)]);
+    }
+
     /// beta / alpha.
     #[inline(always)]
     pub fn scale2(&self) -> Lanes {

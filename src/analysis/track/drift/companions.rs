@@ -20,7 +20,7 @@
 //! as changes of their own. A rod in doubt is continued like a missing one, from the level before the last `FORGOTTEN` periods, which hold
 //! the change already.
 
-use super::gain::{Gain, common_step};
+use super::gain::{Gain, common_step, middle};
 use super::regressors::median;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
@@ -110,6 +110,9 @@ pub struct InPeriod<'a> {
 pub struct Median {
     /// Median of their levels, if at least two bear witness and one of them was measured.
     pub ratio: Option<f64>,
+    /// The same by the levels of the two rods in the middle, each alone: one of them may have moved by itself. `None` with fewer than two
+    /// measured of which the gain is learned.
+    pub middle: Option<[f64; 2]>,
     /// True if fewer than two bear witness.
     pub has_few: bool,
 }
@@ -176,6 +179,12 @@ impl Companions {
             .any(|one| measured(one).is_some() && is_witness(one.rod));
         let has_few = self.witnesses().count() < FEWEST;
         let ratio = self.median().filter(|_| is_fresh && !has_few);
+        let measured = self.witnesses().filter(|known| known.missing == 0);
+        let middle = middle(
+            measured
+                .filter_map(|known| known.gain.implied(known.level))
+                .collect(),
+        );
         if let Some(ratio) = ratio {
             self.periods = self.periods.saturating_add(1);
             let measured = self
@@ -184,7 +193,11 @@ impl Companions {
                 .filter(|known| known.missing == 0 && known.drift.is_none());
             measured.for_each(|known| known.gain.learn(ratio, known.level));
         }
-        Median { ratio, has_few }
+        Median {
+            ratio,
+            middle,
+            has_few,
+        }
     }
 
     fn witnesses(&self) -> impl Iterator<Item = &Companion> {

@@ -11,6 +11,16 @@
 //! is a martingale, so R less the number of periods is a supermartingale, for any sizes, onsets and merging. For the first
 //! time T with R > A hence E T >= A and P(T <= n) <= n / A (Polunchenko, Sokolov, Du 2013; Shin, Ramdas, Rinaldo 2024).
 //! This assumes neither white residuals nor tables.
+//!
+//! After a change the force may change again: each period the heaviest particle k, where its part of R is above 10^4, leaves a share q of
+//! that part to copies of itself of which the change is free anew by a step,
+//!
+//! ```text
+//! W_k <- (1 - q) W_k,     W_copy = q W_k (by shares),     var(c) <- var(c) + size^2
+//! ```
+//!
+//! so that c is the sum of both. R stays as it is, and a supermartingale. Without them a second loss would be nothing to the particles
+//! beside the evidence of the first, and those born from the null bank would take the first for weather.
 
 use super::bank::Bank;
 use super::block::Workspace;
@@ -27,6 +37,9 @@ const BEFORE: usize = 4;
 const RAMP_EVERY_D: f64 = 7.0;
 /// Least age in the spacing of onsets \[d\].
 const LEAST_AGE_D: f64 = 0.01;
+/// ln of the part of R from which a change may be followed by another, and copies kept for each shape of it.
+const LN_SURE: f64 = 9.21;
+const AGAIN_SLOTS: usize = 3;
 /// Largest ln R reported: beyond, it is infinite for every purpose.
 const GREATEST_LN: f64 = 300.0;
 
@@ -86,6 +99,9 @@ pub(super) struct Particle {
     pub shape: Shape,
     /// Onset of its bank \[d\]: the first period with the change.
     pub onset: f64,
+    /// Period of its latest change, and whether that is not the first \[d\].
+    pub latest: f64,
+    pub is_again: bool,
     /// Onsets it stands for.
     pub onsets: Onsets,
     /// ln W.
@@ -163,6 +179,9 @@ impl Detector {
         if self.fresh >= BEFORE {
             self.bear(passage.day, seen);
         }
+        if self.prior.again > 0.0 {
+            self.bear_again(passage.day);
+        }
         self.null.advance(&passage);
         let law = self.null.law(&row);
         let under_null = (self.null).learn(&self.prior, &row, &passage, &mut workspace);
@@ -200,10 +219,12 @@ impl Detector {
                 after = self.ramp.map(|[_, began]| began).or(after);
                 (self.ramp, self.ramp_periods) = (Some([day, seen.began]), 0);
             }
-            self.make_room(shape, day);
+            self.make_room(shape, false, day);
             self.particles.push(Particle {
                 shape,
                 onset: day,
+                latest: day,
+                is_again: false,
                 onsets: Onsets::between(after.unwrap_or(seen.began), seen.measured),
                 ln_weight: libm::log(weight),
                 bank: self.null.with_change(shape.size()),
@@ -211,16 +232,48 @@ impl Detector {
         }
     }
 
-    /// Merges two particles of a shape if its slots are full: of the neighbours closest in ln(age), not the newest, the
-    /// heavier is kept with the weight of both.
-    fn make_room(&mut self, shape: Shape, day: f64) {
-        let places: Vec<usize> = (0..self.particles.len())
-            .filter(|&at| self.particles[at].shape == shape)
-            .collect();
-        if places.len() < shape.slots() {
+    /// Adds copies of the heaviest particle of which the force changes again in a period. A ramp ends with it.
+    fn bear_again(&mut self, day: f64) {
+        if !self.weights().any(|weight| weight > LN_SURE) {
             return;
         }
-        let ln_age = |at: usize| libm::log((day - self.particles[at].onset).max(LEAST_AGE_D));
+        for shape in [Shape::Small, Shape::Large] {
+            self.make_room(shape, true, day);
+        }
+        let heaviest = self
+            .weights()
+            .enumerate()
+            .max_by(|one, other| one.1.total_cmp(&other.1));
+        let Some((at, weight)) = heaviest else { return };
+        let again = self.prior.again;
+        let parent = &mut self.particles[at];
+        parent.ln_weight += libm::log1p(-again);
+        let parent = parent.clone();
+        let so_far = parent.shape.regressor(day - parent.onset);
+        for shape in [Shape::Small, Shape::Large] {
+            self.particles.push(Particle {
+                shape,
+                latest: day,
+                is_again: true,
+                ln_weight: weight + libm::log(0.5 * again / shape.share()),
+                onsets: parent.onsets.clone(),
+                bank: parent.bank.changed_again(so_far, shape.size()),
+                ..parent
+            });
+        }
+    }
+
+    /// Merges two particles of a shape, with a first change or with another, if its slots are full: of the neighbours closest in ln(age),
+    /// not the newest, the heavier is kept with the weight of both.
+    fn make_room(&mut self, shape: Shape, is_again: bool, day: f64) {
+        let places: Vec<usize> = (0..self.particles.len())
+            .filter(|&at| self.particles[at].shape == shape && self.particles[at].is_again == is_again)
+            .collect();
+        let slots = if is_again { AGAIN_SLOTS } else { shape.slots() };
+        if places.len() < slots {
+            return;
+        }
+        let ln_age = |at: usize| libm::log((day - self.particles[at].latest).max(LEAST_AGE_D));
         let mut closest: Option<(f64, usize, usize)> = None;
         for pair in places[..places.len() - 1].windows(2) {
             let distance = ln_age(pair[0]) - ln_age(pair[1]);

@@ -9,6 +9,8 @@ const FEWEST_PERIODS: f64 = 30.0;
 const RIDGE: f64 = 1e-4;
 /// Largest credible gain: of a rod that its walls hold beside ones that are nearly free.
 const GREATEST: f64 = 5.0;
+/// Least gain by which a rod says what the median is.
+const LEAST: f64 = 0.1;
 
 /// Regression of a rod's level on the median, with an intercept.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -31,6 +33,12 @@ impl Gain {
         self.products += off * (level - self.level);
     }
 
+    /// The median by this rod's level alone; `None` before its gain is learned, or where it follows the median by less than a tenth.
+    pub fn implied(&self, level: f64) -> Option<f64> {
+        let gain = Some(self.value()).filter(|gain| self.is_learned() && *gain > LEAST)?;
+        Some(self.median + (level - self.level) / gain)
+    }
+
     fn is_learned(&self) -> bool {
         self.periods >= FEWEST_PERIODS
     }
@@ -44,6 +52,13 @@ impl Gain {
             1.0
         }
     }
+}
+
+/// The two in the middle, the same one twice among an odd number; `None` with fewer than two.
+pub(super) fn middle(mut values: Vec<f64>) -> Option<[f64; 2]> {
+    values.sort_by(f64::total_cmp);
+    let count = values.len();
+    (count >= 2).then(|| [values[(count - 1) / 2], values[count / 2]])
 }
 
 /// Step D of the median by steps d of rods with gains g: the least sum of |d - g D|, a median of d / g weighed by g. Where gains are

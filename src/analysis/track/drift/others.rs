@@ -8,7 +8,7 @@ use std::fmt::Debug;
 /// each, with 300 six and three. Losses of 1 % were detected as soon.
 pub(crate) const MOVING: f64 = 50.0;
 
-/// Deviation of a record that was not taken yet, in standard deviations, from which it may show the movement of another rod.
+/// Deviation of a rod's latest ratio, in standard deviations, from which it may show the movement of another rod.
 const DEVIATING_SD: f64 = 2.0;
 
 /// Least share of the size expected from another rod's change that moves with it: less is a fluctuation of its own.
@@ -30,27 +30,26 @@ pub(crate) struct Movement {
 impl Movement {
     /// True if another rod moved by as much in the same direction, each by its slope: as a wrong temperature, the weather, or the whole
     /// structure would move it.
-    fn is_shared_by(&self, other: &dyn Neighbour) -> bool {
+    fn is_shared_by(&self, other: &dyn Neighbour, size: f64) -> bool {
         let [least, most] = SLOPES;
         let slopes = self.slope_per_k.zip(other.slope_per_k());
         let ratio = slopes.map_or(1.0, |(own, other)| (other / own).clamp(least, most));
-        other.size() / self.size > SHARED * if ratio.is_nan() { 1.0 } else { ratio }
+        size / self.size > SHARED * if ratio.is_nan() { 1.0 } else { ratio }
     }
 
     /// True if another rod's watch shows evidence of this movement.
     fn shows_in(&self, other: &dyn Neighbour) -> bool {
         let since = Some(self.since);
-        other.evidence(since) > MOVING && other.evidence_alone(since) > MOVING && self.is_shared_by(other)
+        other.evidence(since) > MOVING
+            && other.evidence_alone(since) > MOVING
+            && self.is_shared_by(other, other.size())
     }
 
-    /// True if a record of another rod that its watch has not taken yet lies off in the direction of this movement.
+    /// True if the latest ratios of another rod lie off by as much: one period is no evidence by itself, and the rod that comes first
+    /// with its second record would be told alone.
     fn begins_in(&self, other: &dyn Neighbour) -> bool {
-        let slopes = self.slope_per_k.zip(other.slope_per_k());
-        let direction = slopes.map_or(1.0, |(own, other)| (own * other).signum());
-        let toward = direction * self.size.signum();
-        other
-            .untaken_residual()
-            .is_some_and(|residual| residual * toward > DEVIATING_SD)
+        let mut latest = other.latest_deviations().into_iter().flatten();
+        latest.any(|(off, sd)| off.abs() > DEVIATING_SD * sd && self.is_shared_by(other, off))
     }
 }
 
@@ -62,9 +61,9 @@ pub trait Neighbour: Debug + Sync {
     /// N_t / N_0 - 1 in a period, closed or still open; `None` if the rod was not measured in it.
     fn ratio_in(&self, index: i64, period_s: f64) -> Option<f64>;
 
-    /// Deviation of its latest record that the watch has not taken yet from what its temperature predicted, in standard deviations;
-    /// `None` without such a record, or without a temperature.
-    fn untaken_residual(&self) -> Option<f64>;
+    /// Deviations of its last period and of its latest record that the watch has not taken yet from what its temperature
+    /// predicted, as shares of the force with their standard deviations; `None` without such a record, or without a temperature.
+    fn latest_deviations(&self) -> [Option<(f64, f64)>; 2];
 
     /// Number of the last period that ended; `None` before the first.
     fn last_period(&self) -> Option<i64>;
@@ -151,12 +150,9 @@ impl<'a> Others<'a> {
         followed.filter(move |rod| rod.last_period().is_some_and(is_recent))
     }
 
-    /// Number of them that show evidence of the same movement, or were reported to have moved together.
+    /// Number of them that show the same movement or begin to, or were reported to have moved together.
     pub(crate) fn moving(&self, index: i64, movement: &Movement) -> usize {
-        self.moving_if(index, |rod| movement.shows_in(rod))
-    }
-
-    fn moving_if(&self, index: i64, moves: impl Fn(&dyn Neighbour) -> bool) -> usize {
+        let moves = |rod: &dyn Neighbour| movement.shows_in(rod) || movement.begins_in(rod);
         self.followed(index)
             .filter(|rod| (!rod.is_confirmed() && moves(*rod)) || rod.has_moved_with_others())
             .count()
@@ -170,11 +166,6 @@ impl<'a> Others<'a> {
             measured += usize::from(rod.ratio_in(index, period_s).is_some());
         }
         2 * measured < followed
-    }
-
-    /// Number of them that show the same movement, those counted whose records their watches have not taken yet.
-    pub(crate) fn moving_so_far(&self, index: i64, movement: &Movement) -> usize {
-        self.moving_if(index, |rod| movement.shows_in(rod) || movement.begins_in(rod))
     }
 
     /// True if one of those in the median shows evidence of a larger change than this one, no older, that moves it: what is taken off a

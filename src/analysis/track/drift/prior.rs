@@ -16,6 +16,8 @@ const YEARLY_SD: [f64; 3] = [0.002, 0.008, 0.12];
 /// Probability that the residual force jumps in a period: with readings that resolve the day, and with
 /// others.
 const KICK: [f64; 2] = [0.002, 0.02];
+/// Probability that the force changes again in a period after a change: once in some years, as alarms may be false.
+const AGAIN: f64 = 1e-3;
 /// Law of the coefficient of the other rods' median beside a thermometer, and of its square \[per unit\].
 const MEDIAN_SD: [f64; 2] = [0.7, 0.5];
 /// Mean and standard deviation of that coefficient without a thermometer, and standard deviation of the square's.
@@ -67,6 +69,8 @@ pub struct BankPrior {
     pub members: Vec<Fluctuation>,
     /// Probability that the residual force jumps in a period.
     pub kick: f64,
+    /// Probability that the force changes again in a period after a change.
+    pub again: f64,
 }
 
 /// Prior of the effect of temperature on one rod.
@@ -92,6 +96,7 @@ impl BankPrior {
             columns,
             members,
             kick,
+            again: AGAIN,
         }
     }
 
@@ -142,12 +147,12 @@ impl BankPrior {
 
     /// The rod's own data only: a yearly pair, and members that allow for the weather.
     pub fn blind(stated_sd: f64) -> Self {
-        Self::of(
-            stated_sd,
-            vec![centred(YEARLY_SD[2]); 2],
-            beside_nothing(),
-            KICK[0],
-        )
+        let columns = vec![centred(YEARLY_SD[2]); 2];
+        // Its evidence is of weather, most of the time.
+        Self {
+            again: 0.0,
+            ..Self::of(stated_sd, columns, beside_nothing(), KICK[0])
+        }
     }
 
     /// Sets readings as sparse or dense.

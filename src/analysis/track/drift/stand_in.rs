@@ -42,8 +42,8 @@ impl Neighbour for Rod {
     fn ratio_in(&self, index: i64, _: f64) -> Option<f64> {
         self.ratios.get(&index).copied()
     }
-    fn untaken_residual(&self) -> Option<f64> {
-        None
+    fn latest_deviations(&self) -> [Option<(f64, f64)>; 2] {
+        [None; 2]
     }
     fn last_period(&self) -> Option<i64> {
         self.last

@@ -98,6 +98,9 @@ pub struct DriftWatch {
     /// True in a look ahead in which the detector by temperature stands in for the other rods.
     #[serde(skip)]
     are_others_late: bool,
+    /// Last ratio, and its laws by each of the two other rods in the middle, where there was no temperature.
+    last_ratio: f64,
+    beside_others: Option<[Law; 2]>,
 }
 
 /// Mean time \[d\] of the last period that a detector took with little evidence of a change afterwards, or of one soon after it: what
@@ -153,12 +156,19 @@ impl DriftWatch {
             last: Sources::default(),
             above: Above::default(),
             are_others_late: false,
+            last_ratio: 0.0,
+            beside_others: None,
         }
     }
 
     /// Number of periods seen.
     pub fn periods(&self) -> usize {
         self.blind.periods()
+    }
+
+    /// Typical stated error of a period's ratio.
+    pub(crate) fn noise_sd(&self) -> f64 {
+        self.noise_sd
     }
 
     /// True if a temperature has ever come, or none is needed.
@@ -233,6 +243,11 @@ impl DriftWatch {
             self.last.temperature |= by_temperature.is_some();
             law = by_temperature.or(law);
         }
+        let middle = found
+            .middle
+            .filter(|_| !self.last.temperature && median.is_some());
+        self.beside_others = middle.and_then(|middle| self.laws_beside_others(period, middle));
+        self.last_ratio = period.delta;
         if let Some(median) = median
             && let Some(peers) = &mut self.peers
         {

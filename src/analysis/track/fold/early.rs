@@ -7,10 +7,11 @@
 
 use super::intake::mean_temperature;
 use super::loss::{Loss, Shown, judged};
-use super::monitor::{change_told, is_suspect, sized};
+use super::monitor::{change_told, is_suspect};
 use super::packed::Packed;
 use super::plan::TrackPlan;
 use super::tracker::Tracker;
+use super::wording::sized;
 use crate::signal::record::{Reading, Timestamp};
 use crate::track::alarm::change::Change;
 use crate::track::alarm::{Cause, Kind, Known};
@@ -24,7 +25,7 @@ use crate::track::relative::{NoRelative, Relative, Shift};
 use serde::{Deserialize, Serialize};
 
 /// Number of records of the provisional baseline; fewest before a loss among them.
-const RECORDS: usize = 5;
+pub(super) const RECORDS: usize = 5;
 const FEWEST: usize = 2;
 
 /// Standard deviation of a rod's temperature from day to day \[K\]: days of 3 K and weather of 2.5 K.

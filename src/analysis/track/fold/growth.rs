@@ -1,11 +1,12 @@
 //! Growth of a drift that was told: told anew with its present size.
 //!
-//! The onset particles date one change, the strongest; a later one is nothing to them beside the evidence of the first. The change at
-//! the reference temperature holds all of them.
+//! The onset particles hold the sum of a step and those after it, dated by the first; a ramp after it is none of them. The change at the
+//! reference temperature holds all.
 
 use super::explain::explain;
-use super::monitor::{change_now, drift_message, static_sd};
+use super::monitor::{change_now, static_sd};
 use super::tracker::Tracker;
+use super::wording::drift_message;
 use crate::signal::record::Timestamp;
 use crate::track::alarm::change::Change;
 use crate::track::alarm::{Alarm, Kind, Known};

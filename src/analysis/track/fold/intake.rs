@@ -1,10 +1,10 @@
 //! Intake of one identified record: doubted, set aside, kept for the baseline, or added to its period.
 
-use super::loss::{Loss, Shown};
+use super::loss::{Loss, Shown, judged};
 use super::state::{Opening, State};
 use super::tracker::Tracker;
 use super::verdict::{SetAside, Verdict};
-use super::{monitor, reference};
+use super::{early, monitor, reference};
 use crate::signal::record::{Reading, Timestamp};
 use crate::track::alarm::Cause;
 use crate::track::drift::others::Others;
@@ -39,7 +39,11 @@ impl Tracker {
         }
         if let Some(doubt) = doubt {
             let aside = SetAside::from(&doubt);
-            if aside != SetAside::Clock {
+            if aside == SetAside::Clock {
+                // A loss shows whatever the clock says, and may have come with the silence.
+                let shown = self.look_at_doubted(observation);
+                self.look_at_suspicion(shown, self.known_at(observation.start));
+            } else {
                 self.keep_readings(&observation.readings);
             }
             self.set_aside(aside, &doubt.message(), observation, verdict);
@@ -62,7 +66,9 @@ impl Tracker {
             self.set_aside(SetAside::SameTime, reason, observation, verdict);
             return;
         }
-        self.believe(observation);
+        if self.believe(observation) {
+            verdict.closed = self.close_periods(others);
+        }
         self.keep_readings(&observation.readings);
         self.look_at_conflict(observation);
         let shown = if self.shift.is_none() {
@@ -71,7 +77,7 @@ impl Tracker {
         } else {
             self.take_relative(observation, verdict)
         };
-        verdict.closed = self.close_periods(others);
+        verdict.closed.extend(self.close_periods(others));
         let time = self.known_at(observation.start);
         monitor::tell_ahead(self, others, time);
         self.look_at_suspicion(shown, time);
@@ -88,25 +94,31 @@ impl Tracker {
         self.state.closed.is_some_and(|closed| index <= closed)
     }
 
-    /// Accepts the record's time: silence ends, and the record becomes the latest if it is.
-    fn believe(&mut self, observation: &Observation) {
+    /// Accepts the record's time: silence ends, and the record becomes the latest if it is. Returns true if a baseline ended with the
+    /// silence.
+    fn believe(&mut self, observation: &Observation) -> bool {
         let time = observation.start;
         self.state.plausibility.believe(observation);
         let latest = self.state.latest;
         if latest.is_some_and(|latest| time < latest) {
-            return;
+            return false;
         }
         // It is not yet known if a second record after a week is late.
         if self.state.usual_s().is_some() {
             self.look_for_silence(time);
         }
         self.on_board(|board| board.clear(crate::track::alarm::Kind::NoData, time));
-        // A baseline with such a hole is none; most likely the clock was wrong before.
-        if self.shift.is_none() && latest.is_some_and(|latest| time.seconds_since(latest) > JUMP_S) {
+        // A baseline with such a hole is none: the rod may have changed in it.
+        let waiting = self.state.learning.len();
+        let has_hole = latest.is_some_and(|latest| time.seconds_since(latest) > JUMP_S) && waiting > 0;
+        let is_learned = has_hole && waiting >= early::RECORDS && self.learn_baseline(waiting);
+        if has_hole && !is_learned {
             self.state.learning.clear();
+            self.end_early();
             self.drop_suspicion(time);
         }
         self.state.latest = Some(time);
+        is_learned
     }
 
     /// Accepts the record's frequencies as those of the rod.
@@ -135,6 +147,10 @@ impl Tracker {
         match self.relative(observation) {
             Some(Ok(relative)) => {
                 verdict.at_reference = reference::of_record(self, observation, &relative);
+                if let Some(at_reference) = &verdict.at_reference {
+                    let index = period::index_of(observation.start, self.plan.track.period_s);
+                    self.state.scatter.take(index, at_reference.ratio.mean - 1.0);
+                }
                 let common_size = self.state.common_size();
                 if let Some(at_reference) = &mut verdict.at_reference {
                     reference::widen(at_reference, common_size);
@@ -278,6 +294,12 @@ impl Tracker {
         {
             return shown;
         }
+        if self.learn_baseline(wanted) { shown } else { None }
+    }
+
+    /// Learns the baseline from the first `wanted` records that wait for it, or from those before a change told of them; returns false if
+    /// they make none.
+    fn learn_baseline(&mut self, wanted: usize) -> bool {
         let intact = self.intact_records(wanted);
         let state = &mut self.state;
         match self.plan.learn(&state.learning[..intact], state.segment.number) {
@@ -307,18 +329,49 @@ impl Tracker {
                     }
                 }
                 self.take_over_loss(provisional);
+                true
             }
             Err(fault) => {
                 state.segment.fault = Some(fault.to_string());
                 // The older half makes room; the next attempt comes when there are enough again.
+                let time = state.learning.last().map(|last| last.start);
                 state.learning.drain(..wanted.div_ceil(2));
                 state.before = None;
                 self.end_early();
-                self.drop_suspicion(self.known_at(observation.start));
-                return None;
+                if let Some(time) = time {
+                    self.drop_suspicion(self.known_at(time));
+                }
+                false
             }
         }
-        shown
+    }
+
+    /// Checks a record whose clock is doubted for a loss, by what the rod's own data and the record's own temperature predict of its time;
+    /// returns the loss that it shows by itself. It ends none.
+    fn look_at_doubted(&mut self, observation: &Observation) -> Option<Shown> {
+        let (time, limit) = (self.known_at(observation.start), self.plan.alarm.limit_loss);
+        let relative = match self.relative(observation)? {
+            Ok(relative) => relative,
+            Err(NoRelative::OutsideRange) => {
+                let loss = Loss::bound(self.state.segment.baseline.as_ref()?, observation);
+                self.look_at_bound(loss, time);
+                return loss.map(Shown::bound);
+            }
+            Err(NoRelative::NoCommonMode) => return None,
+        };
+        let pending = Pending::new(observation, &relative);
+        let watch = self.state.watch.get()?;
+        let day = observation.start.max(self.state.latest?).days();
+        let law = watch.blind_law(day, pending.delta, pending.sd)?;
+        let filters = self.state.filters.advanced(&observation.readings, pending.end);
+        let by_temperature = watch.law_by_temperature(&pending, &filters);
+        let known = by_temperature.map(|law| Loss::from_law(pending.delta, &law));
+        let measured = Loss::from_law(pending.delta, &law);
+        if judged(measured, known, limit).0 == Some(true) {
+            self.look_at_loss(pending.delta, Some(law), known, time);
+        }
+        let loss = known.unwrap_or(measured);
+        Some(Shown::within(loss, pending.delta, &law, limit))
     }
 
     fn await_period(&mut self, pending: Pending) {

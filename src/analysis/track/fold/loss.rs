@@ -15,6 +15,8 @@ use crate::signal::record::Timestamp;
 use crate::track::alarm::{Cause, Kind};
 use crate::track::baseline::Baseline;
 use crate::track::drift::Law;
+use crate::track::drift::others::Others;
+use crate::track::drift::period::Period;
 use crate::track::drift::watch::DriftWatch;
 use crate::track::observation::Observation;
 use serde::{Deserialize, Serialize};
@@ -194,9 +196,35 @@ impl Tracker {
             let lasts = self.state.watch.get().is_none_or(DriftWatch::is_blind_above);
             holds = holds.filter(|holds| *holds || !lasts);
         }
+        // The season may bring the ratio back, and leave the loss beside the other rods.
+        if stands && known.is_none() && self.loss_without_temperature().is_some() {
+            holds = holds.filter(|holds| *holds);
+        }
         self.find_loss(holds, loss, time);
         let is_kept = holds == Some(true) || (kept.is_some() && self.state.watches.stands(Cause::Loss));
         self.state.before = is_kept.then_some(before);
+    }
+
+    /// Checks the limit by a closed period without a temperature, beside the other rods: after a long silence the rod's own data say little.
+    /// The records of the open period, which the period's law predicts as well, may confirm it.
+    pub(super) fn look_at_loss_beside_others(&mut self, period: &Period, others: &Others, time: Timestamp) {
+        let limit = self.plan.alarm.limit_loss;
+        let watch = self.state.watch.get();
+        let law = watch.and_then(|watch| watch.law_without_temperature(others, period.index));
+        if let Some(law) = law.filter(|law| Loss::from_law(period.delta, law).exceeds(limit)) {
+            let open: Vec<f64> = self.state.open.iter().map(|pending| pending.delta).collect();
+            for ratio in std::iter::once(period.delta).chain(open) {
+                self.look_at_loss(ratio, Some(law), None, time);
+            }
+        } else if let Some(loss) = self.loss_without_temperature() {
+            self.find_loss(Some(true), loss, time);
+        }
+    }
+
+    /// Certain loss by a change that shows beside the other rods, where there was no temperature.
+    fn loss_without_temperature(&self) -> Option<Loss> {
+        let (size, sd) = self.state.watch.get()?.size_without_temperature()?;
+        Some(Loss { mean: -size, sd }).filter(|loss| loss.exceeds(self.plan.alarm.limit_loss))
     }
 
     /// Checks the limit by the bound of a record beyond the prepared range. A bound below the limit does not end a loss.

@@ -22,6 +22,8 @@ mod monitor;
 pub mod packed;
 pub mod plan;
 mod reference;
+mod scatter;
 pub mod state;
 pub mod tracker;
 pub mod verdict;
+mod wording;

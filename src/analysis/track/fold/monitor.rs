@@ -4,15 +4,16 @@ use super::explain::{explain, since};
 use super::growth::look_at_growth;
 use super::state::State;
 use super::tracker::Tracker;
+use super::wording::{common_message, drift_message, not_axial_message, probable};
 use crate::signal::record::Timestamp;
 use crate::track::alarm::change::Change;
 use crate::track::alarm::{Alarm, Cause, Kind, Known, Standing};
 use crate::track::alternatives::Explained;
-use crate::track::drift::companions::PATIENCE;
 use crate::track::drift::others::{Neighbour as _, Others};
 use crate::track::drift::period::{self, Charted, Evidence, Period, combined_misfit};
 use crate::track::drift::watch::{DriftWatch, Finding, Terms, Witness};
-use crate::track::relative::{Interval, Shift};
+use crate::track::drift::{self, companions::PATIENCE};
+use crate::track::relative::Shift;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Least probability of the misfit since its onset, by a change of axial force, for a drift.
@@ -25,6 +26,9 @@ const OVER_SHARE: f64 = 0.25;
 /// Share of its limit below which the evidence also ends a change.
 const FAINT_EVIDENCE: f64 = 0.01;
 
+/// Standard deviations from zero beyond which a change stands, by the detector that told it.
+const STANDS_SD: f64 = 2.0;
+
 /// Factor on the raising probability above which the condition of `not-axial` ends.
 const NOT_AXIAL_OVER: f64 = 10.0;
 
@@ -34,9 +38,6 @@ const BLIND: (f64, f64) = (0.9, 0.7);
 
 /// Standard deviations of the predictive law from which a change of one period is detected.
 const TOLD_SD: f64 = 4.0;
-
-/// Standard deviations from zero below which a size has no direction.
-const SIGNED_SD: f64 = 0.5;
 
 /// Least credible stated error of a ratio \[-\].
 const LEAST_SD: f64 = 1e-6;
@@ -231,8 +232,12 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
     let is_early = |alarm: &Alarm| alarm.kind == Kind::Drift && alarm.cleared.is_none() && alarm.told > end;
     let is_taken_over = state.watches.stands(Cause::Change) || state.watches.stands(Cause::Pattern);
     let drifts = drifts && (is_taken_over || !state.alarms.iter().any(is_early));
+    // While a rod moves with others the thermometer is in doubt: what it alone shows is no change of one rod.
+    let moves_with_others =
+        state.holds(Kind::Common) || state.watch.get().is_some_and(DriftWatch::has_joined);
     let is_known = match finding {
         Finding::Quiet | Finding::Waiting => true,
+        Finding::Drift(Witness::Unconfirmed | Witness::Alone) if moves_with_others => true,
         Finding::Drift(witness) => {
             drifts && !(witness == Witness::Confirmed && state.alarms.iter().any(is_unconfirmed))
         }
@@ -340,6 +345,7 @@ fn look_at_limit(tracker: &mut Tracker, period: &Period, others: &Others, time: 
         .charted
         .and_then(|charted| Some((charted.at_reference?, charted.at_reference_sd?)))
     else {
+        tracker.look_at_loss_beside_others(period, others, time);
         return;
     };
     if !tracker.state.has_learned(tracker.plan.track.learning_periods) {
@@ -374,15 +380,6 @@ fn look_at_limit(tracker: &mut Tracker, period: &Period, others: &Others, time: 
             probable(probability)
         )
     });
-}
-
-/// A probability in words or percent.
-pub(crate) fn probable(probability: f64) -> String {
-    if probability > 0.999 {
-        "probability > 99.9 %".to_owned()
-    } else {
-        format!("probability {:.1} %", 100.0 * probability)
-    }
 }
 
 fn look_at_leverage(tracker: &mut Tracker, period: &Period, time: Timestamp) {
@@ -426,18 +423,23 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     };
     let is_settled = tracker.state.watch.get().is_some_and(DriftWatch::is_settled);
     let evidence = charted.evidence.best_informed();
+    // A change that came back has evidence for good: what it came to decides.
+    let watch = tracker.state.watch.get();
+    let stands = |change: drift::Change| change.size.abs() > STANDS_SD * change.size_sd;
+    let is_told = evidence >= 1.0;
+    let has_come_back = is_told && !watch.and_then(DriftWatch::change).is_some_and(stands);
     let by_level = charted
         .at_reference
         .zip(charted.at_reference_sd)
         .and_then(|(change, sd)| {
             let over = sd.max(OVER_SHARE * size);
             // A small change ends nothing as long as it is evident.
-            beyond(change.abs(), 2.0 * over, over).filter(|holds| *holds || evidence < 1.0)
+            beyond(change.abs(), 2.0 * over, over).filter(|holds| *holds || !is_told || has_come_back)
         });
     // Without a temperature, a lasting change is learned as normal: only the evidence ends the alarm, that of a detector which saw
     // the change.
     let saw = |witness: &Option<Witness>| saw_change(*witness, &charted.evidence);
-    let is_faint = is_settled && evidence < FAINT_EVIDENCE && witnesses.iter().all(saw);
+    let is_faint = is_settled && (evidence < FAINT_EVIDENCE || has_come_back) && witnesses.iter().all(saw);
     let holds = by_level.or(is_faint.then_some(false));
     if tracker.find(Cause::Change, holds) != Standing::Over {
         return;
@@ -487,64 +489,6 @@ pub(super) fn static_sd(shift: Option<&Shift>, before: f64, now: f64) -> f64 {
     shift.map_or(0.0, |shift| shift.static_sd(before, now))
 }
 
-/// One sentence about a drift: as a fact where the modes leave no other kind of change, as one of several explanations where they do.
-pub(crate) fn drift_message(change: &Change, witness: Witness, alternatives: Option<&Explained>) -> String {
-    let at = match witness {
-        Witness::Peers | Witness::Blind => "",
-        _ => " at the reference temperature",
-    };
-    let who = match witness {
-        Witness::Confirmed => "; the other rods confirm that it is this rod",
-        Witness::Unconfirmed => "; the other rods do not confirm it yet",
-        Witness::Alone => "; no other rods bear witness: a thermometer that drifts looks the same",
-        Witness::Peers => "; there is no temperature, the other rods of the site stand in for it",
-        Witness::Blind => "; there is no temperature: a sudden change of weather may look the same",
-    };
-    let (as_if, explained) = match alternatives {
-        None => ("", String::new()),
-        Some(known) if known.is_axial() == Some(true) => ("", format!("; {}", known.certainty())),
-        Some(open) => ("the frequencies changed as if ", format!("; {}", open.rivals())),
-    };
-    let (went, since) = (sized(&change.size), date(change.onset));
-    format!("{as_if}the axial force{at} {went} since about {since}{who}{explained}")
-}
-
-/// A size in words, counted in the direction it went; below zero it may have gone the other way.
-pub(super) fn sized(size: &Interval) -> String {
-    let toward = |fraction: f64| 100.0 * fraction * size.mean.signum();
-    let (one, other) = (toward(size.q025), toward(size.q975));
-    let (low, high) = (one.min(other), one.max(other));
-    if size.mean.abs() < SIGNED_SD * size.sd {
-        return format!("changed by an amount that is not known yet (95 %: {low:.0} to {high:+.0} %)");
-    }
-    let verb = if size.mean < 0.0 { "fell" } else { "rose" };
-    format!(
-        "{verb} by {:.2} % (95 %: {low:.2} to {high:.2} %)",
-        toward(size.mean)
-    )
-}
-
-fn common_message(change: &Change, moving: usize, others: usize) -> String {
-    format!(
-        "{} of {} rods moved together since about {}: the thermometer, the weather, or the whole structure; no rod differs from the \
-         others",
-        moving + 1,
-        others + 1,
-        date(change.onset)
-    )
-}
-
-fn date(time: Timestamp) -> String {
-    time.to_string().chars().take(10).collect()
-}
-
-fn not_axial_message(p: f64) -> String {
-    format!(
-        "the natural frequencies changed in a way no change of axial force explains (p = {p:.1e}): added mass, a support, or \
-         mistaken modes"
-    )
-}
-
 /// P(misfit at least this large | axial) of the change since an onset. A recent change is diluted over a long
 /// time: the last periods are tested too, and the smallest probability counts, times the number of tests.
 fn axial_p(tracker: &Tracker, period: &Period, onset: Timestamp) -> f64 {
@@ -561,23 +505,6 @@ fn axial_p(tracker: &Tracker, period: &Period, onset: Timestamp) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_size_without_a_direction_neither_rose_nor_fell() {
-        let size = |mean, sd: f64| {
-            sized(&Interval {
-                mean,
-                sd,
-                q025: mean - 1.96 * sd,
-                q975: mean + 1.96 * sd,
-            })
-        };
-        assert_eq!(size(-0.03, 0.005), "fell by 3.00 % (95 %: 2.02 to 3.98 %)");
-        assert_eq!(size(0.03, 0.02), "rose by 3.00 % (95 %: -0.92 to 6.92 %)");
-        let unknown = "changed by an amount that is not known yet (95 %: -24 to +24 %)";
-        assert_eq!(size(0.0, 0.12), unknown);
-        assert_eq!(size(-1e-4, 0.12), unknown);
-    }
 
     #[test]
     fn a_change_is_not_ended_by_a_detector_that_knows_less_than_its_witness() {

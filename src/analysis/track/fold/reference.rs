@@ -32,13 +32,17 @@ pub(crate) fn of_record(
     // The effect of temperature is learned from periods, which carry the estimates: the posterior mean weighs the particles anew by
     // every record's noise, and differs from them the more the temperature moved the force.
     let measured = libm::expm1(relative.estimate);
+    let own_sd = relative.record_sd * (1.0 + measured);
+    // Known of records in the same period, the scatter takes the place of what the record states.
+    let scatter = state.scatter.sd();
     let (change, change_sd) = watch.change_of(
         end.days(),
         measured,
-        relative.record_sd * (1.0 + measured),
+        scatter.map_or(own_sd, |_| own_sd.min(watch.noise_sd())),
         Some(&filtered),
         filters.unread_k2(end.days()).as_ref(),
     )?;
+    let change_sd = change_sd.hypot(scatter.map_or(0.0, |scatter| scatter.max(own_sd)));
     let static_sd = tracker.shift.as_ref()?.static_sd(measured - change, measured);
     let force = &relative.force_n;
     let factor = (1.0 + change) / relative.ratio.mean.max(f64::MIN_POSITIVE);

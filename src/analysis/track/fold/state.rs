@@ -3,6 +3,7 @@
 use super::early::EarlyWatch;
 use super::loss::Before;
 use super::packed::Packed;
+use super::scatter::Scatter;
 use super::verdict::RodState;
 use crate::signal::record::{Reading, RodId, Timestamp};
 use crate::track::alarm::{Alarm, Cause, Kind, Watches};
@@ -11,7 +12,7 @@ use crate::track::drift::Filters;
 use crate::track::drift::Law;
 use crate::track::drift::companions::FORGOTTEN;
 use crate::track::drift::others::Neighbour;
-use crate::track::drift::period::{self, Pending, Period};
+use crate::track::drift::period::{self, Charted, Pending, Period};
 use crate::track::drift::watch::{DriftWatch, Witness};
 use crate::track::observation::Observation;
 use crate::track::plausibility::{JUMP_S, Plausibility};
@@ -87,6 +88,9 @@ pub struct State {
     /// Watch over the records of the future baseline.
     #[serde(default)]
     pub early: Option<EarlyWatch>,
+    /// Scatter of records within a period.
+    #[serde(default)]
+    pub scatter: Scatter,
     /// Law of the ratio before a large loss that is suspected or stands.
     #[serde(default)]
     pub before: Option<Before>,
@@ -129,6 +133,7 @@ impl State {
             filters: Filters::default(),
             watch: Packed::default(),
             early: None,
+            scatter: Scatter::default(),
             before: None,
             closed: None,
             periods: Vec::new(),
@@ -316,9 +321,17 @@ impl Neighbour for State {
         (weight > 0.0).then(|| sum / weight)
     }
 
-    fn untaken_residual(&self) -> Option<f64> {
-        let pending = self.open.last()?;
-        Some(self.thermal_law(pending)?.residual(pending.delta))
+    fn latest_deviations(&self) -> [Option<(f64, f64)>; 2] {
+        let compensated = |charted: &Charted| charted.evidence.compensated.is_some();
+        let closed = self.periods.last().and_then(|period| {
+            let charted = period.charted.filter(compensated)?;
+            Some((period.delta - charted.expected, charted.expected_sd))
+        });
+        let open = self.open.last().and_then(|pending| {
+            let law = self.thermal_law(pending)?;
+            Some((pending.delta - law.mean, law.sd))
+        });
+        [closed, open]
     }
 
     fn last_period(&self) -> Option<i64> {
@@ -351,6 +364,7 @@ impl Neighbour for State {
             let periods = index.saturating_sub(period::index_of(alarm.raised, period_s));
             let most = match alarm.kind {
                 Kind::Suspected => i64::MAX,
+                Kind::Limit if !knows_size && !self.drifts() => i64::MAX,
                 Kind::Drift | Kind::NotAxial | Kind::Limit if !knows_size => DOUBT_PERIODS,
                 _ => return false,
             };

@@ -4,7 +4,7 @@ use super::explain::explain;
 use super::plan::TrackPlan;
 use super::state::{Opening, State};
 use super::verdict::{Input, RodState, Verdict};
-use super::{growth, monitor};
+use super::{growth, monitor, wording};
 use crate::identify::Plan;
 use crate::signal::record::{Reading, RodId, Timestamp};
 use crate::track::alarm::{AlarmEvent, Board, Cause, Kind, Known, Standing};
@@ -352,7 +352,7 @@ impl Tracker {
             board.repeat(time, repeat_s, |alarm| {
                 if let (Kind::Drift, Some((change, alternatives))) = (alarm.kind, &renewed) {
                     let witness = alarm.witness.unwrap_or(Witness::Alone);
-                    alarm.message = monitor::drift_message(change, witness, alternatives.as_ref());
+                    alarm.message = wording::drift_message(change, witness, alternatives.as_ref());
                     alarm.change = Some(change.clone());
                     alarm.alternatives.clone_from(alternatives);
                 }

@@ -26,6 +26,7 @@ fn single() -> BankPrior {
             probability: 1.0,
         }],
         kick: 0.002,
+        again: 0.0,
     }
 }
 

@@ -208,7 +208,7 @@ fn merging_keeps_the_sum_of_weights_and_memory_stays_fixed() {
     assert_eq!(detector.particles.len(), slots);
     let before = detector.statistic();
     let mut merged = detector.clone();
-    merged.make_room(Shape::Small, 400.0);
+    merged.make_room(Shape::Small, false, 400.0);
     assert_eq!(merged.particles.len(), slots - 1);
     // One sum in another order.
     assert!((merged.statistic() / before - 1.0).abs() < 1e-12);
@@ -330,4 +330,51 @@ fn an_accepted_change_is_the_new_level() {
         (law.mean - 0.8 * columns(250.0)[0] + 0.03).abs() < 3.0 * law.sd && law.sd < 0.004,
         "{law:?}"
     );
+}
+
+/// 3 % on day 100, 5 % more on day 130: the whole is held when both are new and months later, when the null bank has learned all of it as
+/// something else.
+#[test]
+fn a_second_loss_adds_to_the_first() {
+    let seeds = 20;
+    let held = |may_again: bool| {
+        let mut held = [0; 2];
+        for seed in 0..seeds {
+            let prior = BankPrior::peers(NOISE);
+            let again = if may_again { prior.again } else { 0.0 };
+            let mut detector = Detector::new(BankPrior { again, ..prior });
+            run(&mut detector, seed, 0..102, 0.0);
+            run(&mut detector, seed, 102..130, -0.03);
+            for (held, days) in held.iter_mut().zip([130..140, 140..220]) {
+                run(&mut detector, seed, days, -0.08);
+                let change = detector.change().unwrap();
+                let [low, high] = change.size_interval;
+                *held += u32::from(low <= -0.08 && -0.08 <= high && change.size_sd < 0.01);
+            }
+        }
+        held
+    };
+    // 95 % intervals: fewer than 17 of 20 has a probability of 1.6 %.
+    let [soon, late] = held(true);
+    assert!(soon >= 17 && late >= 17, "{soon} and {late} of {seeds}");
+    let [soon, late] = held(false);
+    assert!(soon < 10 || late < 10, "{soon} and {late} of {seeds}");
+}
+
+#[test]
+fn a_change_that_may_be_followed_by_another_has_the_same_evidence() {
+    let mut detector = Detector::new(BankPrior::peers(NOISE));
+    run(&mut detector, 3, 0..100, 0.0);
+    run(&mut detector, 3, 100..106, -0.03);
+    let before = (detector.statistic(), detector.change().unwrap());
+    for day in 106..200 {
+        detector.bear_again(f64::from(day));
+    }
+    let after = (detector.statistic(), detector.change().unwrap());
+    assert!((after.0 / before.0 - 1.0).abs() < 1e-9, "{before:?} {after:?}");
+    // Nothing was learned in between: what is free anew has the same mean, but for members of a weight below 0.5 %.
+    let off = (after.1.size - before.1.size).abs();
+    assert!(off < 0.01 * before.1.size_sd, "{off}");
+    let copies = detector.particles.iter().filter(|particle| particle.is_again);
+    assert_eq!(copies.count(), 2 * AGAIN_SLOTS);
 }

@@ -12,7 +12,7 @@ use crate::track::drift::companions::{self, Median};
 use crate::track::drift::compensated::Compensated;
 use crate::track::drift::others::Others;
 use crate::track::drift::period::Period;
-use crate::track::drift::{BankPrior, Companions, Detector, Regressors};
+use crate::track::drift::{BankPrior, Companions, Detector, Law, Regressors};
 
 /// Least number of periods of a detector that takes over from one that has more: those of a usual baseline.
 const LEARNED_PERIODS: usize = 30;
@@ -112,10 +112,24 @@ impl DriftWatch {
         if self.peers.is_none() {
             return Median {
                 ratio: None,
+                middle: None,
                 has_few: true,
             };
         }
         self.companions.take(others.in_period(period.index, period_s))
+    }
+
+    /// Laws of a period's ratio by each of the two other rods in the middle, before it is learned: one of them may have moved by itself.
+    pub(super) fn laws_beside_others(&self, period: &Period, middle: [f64; 2]) -> Option<[Law; 2]> {
+        let peers = self.peers.as_ref()?;
+        let day = period.start.days();
+        let regressors = Regressors {
+            reference_c: 0.0,
+            origin: self.origin,
+        };
+        let by = |median| peers.predict(&seen(period, &regressors.peers(day, median), false));
+        let [one, other] = middle;
+        Some([by(one)?, by(other)?])
     }
 
     /// True while the detector with the other rods knows too little to take over from the one with temperature only: it has learned for

@@ -1,9 +1,9 @@
 //! Joint finding of the detectors after a period: a drift and its witnesses, or rods that move together.
 
 use super::{DriftWatch, RARER};
-use crate::track::drift::Detector;
 use crate::track::drift::companions;
 use crate::track::drift::others::{MOVING, Movement, Others};
+use crate::track::drift::{Detector, Law};
 use serde::{Deserialize, Serialize};
 
 /// Number of periods since the last restart after which absence of evidence counts.
@@ -11,6 +11,11 @@ const SETTLED_PERIODS: usize = 30;
 
 /// Largest share of the other rods that may move beside a drifting rod.
 const MOVING_SHARE: f64 = 0.25;
+
+/// Standard deviations from which a ratio lies far from what another rod expects, and the share of that distance within which it is near
+/// what yet another one expects.
+const FAR_SD: f64 = 5.0;
+const NEARER_SHARE: f64 = 0.5;
 
 /// Detectors behind a change of force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -89,11 +94,7 @@ impl DriftWatch {
     /// True unless too many of the other rods move: what moves them together is no change of one.
     pub(crate) fn is_calm(&self, others: &Others, index: i64) -> bool {
         let count = others.count();
-        let moving = match self.movement() {
-            Some(movement) if self.are_others_late => others.moving_so_far(index, &movement),
-            movement => movement.map_or(0, |movement| others.moving(index, &movement)),
-        };
-        count < companions::FEWEST || moving as f64 <= MOVING_SHARE * count as f64
+        count < companions::FEWEST || self.moving(others, index) as f64 <= MOVING_SHARE * count as f64
     }
 
     /// Number of other rods that share the change.
@@ -128,10 +129,48 @@ impl DriftWatch {
         self.peers.is_some() && self.without_others <= companions::PATIENCE
     }
 
+    /// Law of the last period by the other rods alone, where there was no temperature: of the two in the middle the one that expects less,
+    /// since the other may have risen. `None` if a rod of the median may have moved.
+    pub(crate) fn law_without_temperature(&self, others: &Others, index: i64) -> Option<Law> {
+        let [one, other] = self.beside_others?;
+        let law = if other.mean < one.mean { other } else { one };
+        // One period says little of the size to a detector: what it missed the law by counts.
+        let movement = Movement {
+            size: self.last_ratio - law.mean,
+            ..self.movement()?
+        };
+        (!others.is_one_of_them(index, &movement)).then_some(law)
+    }
+
+    /// True if the last period lies far from what one of the two other rods in the middle expects, and not from the other: one of those
+    /// has moved.
+    fn is_between_others(&self) -> bool {
+        let Some(laws) = self.beside_others else {
+            return false;
+        };
+        let [one, other] = laws.map(|law| self.last_ratio - law.mean);
+        let (nearer, farther) = if one.abs() < other.abs() {
+            (one, other)
+        } else {
+            (other, one)
+        };
+        let is_far = laws.iter().all(|law| farther.abs() > FAR_SD * law.sd);
+        is_far && nearer / farther < NEARER_SHARE
+    }
+
+    /// Size of a change that shows beside the other rods, where there was no temperature, and its standard deviation.
+    pub(crate) fn size_without_temperature(&self) -> Option<(f64, f64)> {
+        let is_told = self.last.others && !self.last.temperature && self.above.peers_alone;
+        let change = self.change().filter(|_| is_told)?;
+        Some((change.size, change.size_sd))
+    }
+
     /// Joint finding of the detectors after the last period, `index`. What shows only relative to the median may be another rod;
     /// `is_new`: not for so long that it would have been reported.
     pub(crate) fn finding(&self, others: &Others, index: i64, is_new: bool) -> Finding {
-        if is_new && self.above.any() && !self.shows_alone() && self.may_be_another(others, index) {
+        // The rod alone tells too little of what began beside the others without a temperature.
+        let shows_alone = self.shows_alone() && (self.last.temperature || !self.last.others);
+        if is_new && self.above.any() && !shows_alone && self.may_be_another(others, index) {
             return Finding::Quiet;
         }
         let has_witnesses = self.has_witnesses();
@@ -153,7 +192,7 @@ impl DriftWatch {
         } else if self.last.temperature {
             Finding::Quiet
         } else if self.last.others {
-            if self.above.peers_alone {
+            if self.above.peers_alone && !self.is_between_others() {
                 Finding::Drift(Witness::Peers)
             } else {
                 Finding::Quiet

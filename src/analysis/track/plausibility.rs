@@ -284,6 +284,16 @@ impl Plausibility {
         }
     }
 
+    /// True if the last record was one of this time, which was doubted.
+    pub(super) fn is_doubted_at(&self, start: Timestamp) -> bool {
+        self.ahead.is_some_and(|(last, _)| last == start)
+    }
+
+    /// True while its channel counts as exchanged with that of another rod.
+    pub(super) fn is_exchanged(&self) -> bool {
+        self.exchange.is_some()
+    }
+
     fn is_ahead(&mut self, start: Timestamp, latest: Timestamp, patience: usize) -> bool {
         if !is_far_ahead(start, latest) {
             self.ahead = None;

@@ -20,9 +20,14 @@ const SILENT_K_PER_DAY: f64 = 0.5;
 const DOUBTED_K_PER_DAY: f64 = 0.1;
 const MOST_K: f64 = 45.0;
 
-/// Most by which readings in degrees Fahrenheit, converted, differ from one to the next \[K\]: less than what a return to Celsius makes
-/// from -12 degC on.
-const CONVERTED_K: f64 = 10.0;
+/// Most by which a first reading in degrees Fahrenheit, converted, lies from the last one and from the level of those before, and by which later
+/// ones differ from one to the next \[K\]: less than what a return to Celsius makes from -12 degC on.
+const CONVERTED_K: [f64; 2] = [6.0, 10.0];
+/// Readings from which there is a level, and those that its mean goes back.
+const FEWEST: u32 = 24;
+const LEVEL_READINGS: u32 = 48;
+/// Silence after which what a thermometer read before says nothing of its unit \[s\].
+const FORGOTTEN_S: f64 = 14.0 * 86_400.0;
 
 /// Memory for judging the next reading.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -31,9 +36,14 @@ pub struct Thermometer {
     last: Option<Reading>,
     /// Time since which readings have lain far from it.
     away: Option<Timestamp>,
-    /// Last reading since it went away as one in degrees Fahrenheit would, converted \[degC\].
+    /// Number of accepted readings, and their level: a running mean \[degC\].
     #[serde(default)]
-    converted_c: Option<f64>,
+    accepted: u32,
+    #[serde(default)]
+    level_c: f64,
+    /// Readings since it went away as one in degrees Fahrenheit would.
+    #[serde(default)]
+    fahrenheit: Option<Fahrenheit>,
     /// Law of its own standstills.
     #[serde(default)]
     standstill: Standstill,
@@ -42,6 +52,15 @@ pub struct Thermometer {
     is_held: bool,
     /// Reason why the last reading was not believed.
     doubt: Option<Doubt>,
+}
+
+/// Readings that go on as degrees Fahrenheit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Fahrenheit {
+    /// The last of them, converted \[degC\].
+    last: Reading,
+    /// True if the one after it did not go on so.
+    has_strayed: bool,
 }
 
 /// Time without readings after which a thermometer is silent \[s\]: the sparsest in use are read once a day.
@@ -105,15 +124,12 @@ impl Thermometer {
         }
         let Some(last) = self.last else {
             self.last = Some(*reading);
+            (self.accepted, self.level_c) = (1, reading.celsius);
             self.standstill.take(reading);
             return None;
         };
         let passed_s = reading.time.seconds_since(last.time);
-        let converted_c = (reading.celsius - 32.0) / 1.8;
-        let is_near = |celsius: f64| (converted_c - celsius).abs() <= CONVERTED_K;
-        // In winter degrees Fahrenheit come near what they were in Celsius in summer.
-        if self.converted_c.is_some_and(is_near) {
-            self.converted_c = Some(converted_c);
+        if self.goes_on_as_fahrenheit(reading) {
             return Some(Doubt::Fahrenheit);
         }
         let away = self.away.unwrap_or(reading.time);
@@ -122,22 +138,64 @@ impl Thermometer {
             JUMP_K + SILENT_K_PER_DAY * days(last.time, away) + DOUBTED_K_PER_DAY * days(away, reading.time);
         if (reading.celsius - last.celsius).abs() > jump_k.min(MOST_K) {
             self.away = Some(away);
-            let is_fahrenheit = self.converted_c.is_some() || is_near(last.celsius);
-            self.converted_c = is_fahrenheit.then_some(converted_c);
-            return Some(if is_fahrenheit {
-                Doubt::Fahrenheit
-            } else {
-                Doubt::Jump
-            });
+            if self.fahrenheit.is_none() && self.begins_as_fahrenheit(reading, &last) {
+                return Some(Doubt::Fahrenheit);
+            }
+            return Some(Doubt::Jump);
         }
-        (self.away, self.converted_c) = (None, None);
+        self.away = None;
         if passed_s <= 0.0 {
             return None;
         }
+        self.accepted = self.accepted.saturating_add(1);
+        self.level_c += (reading.celsius - self.level_c) / f64::from(self.accepted.min(LEVEL_READINGS));
         self.last = Some(*reading);
         let still = self.standstill.take(reading);
         self.is_held = still != Still::No;
         (still == Still::Dead).then_some(Doubt::Still)
+    }
+
+    /// True if a reading far from the last one lies where it would in degrees Fahrenheit; a level that one wild reading left is no jump.
+    fn begins_as_fahrenheit(&mut self, reading: &Reading, last: &Reading) -> bool {
+        let known = [last.celsius, self.level_c];
+        let is_far = known.iter().all(|known| (reading.celsius - known).abs() > JUMP_K);
+        let converted = converted(reading);
+        // The level is that of days, which the reading may be off by.
+        let is_near = (converted.celsius - last.celsius).abs() <= CONVERTED_K[0]
+            && (converted.celsius - self.level_c).abs() <= JUMP_K;
+        let begins = self.accepted >= FEWEST && is_far && is_near;
+        self.fahrenheit = begins.then_some(Fahrenheit {
+            last: converted,
+            has_strayed: false,
+        });
+        begins
+    }
+
+    /// True if a reading goes on as those in degrees Fahrenheit before it: in winter they come near what was read in Celsius in summer. The
+    /// second that does not, or a long silence, ends them.
+    fn goes_on_as_fahrenheit(&mut self, reading: &Reading) -> bool {
+        let Some(known) = &mut self.fahrenheit else {
+            return false;
+        };
+        let (passed_s, converted) = (reading.time.seconds_since(known.last.time), converted(reading));
+        let goes_on = (converted.celsius - known.last.celsius).abs() <= CONVERTED_K[1];
+        if passed_s > FORGOTTEN_S || (!goes_on && known.has_strayed) {
+            self.fahrenheit = None;
+            return false;
+        }
+        known.has_strayed = !goes_on;
+        if goes_on && passed_s > 0.0 {
+            known.last = converted;
+        }
+        goes_on
+    }
+}
+
+/// A reading in degrees Fahrenheit \[degC\].
+fn converted(reading: &Reading) -> Reading {
+    Reading {
+        celsius: (reading.celsius - 32.0) / 1.8,
+        ..*reading
     }
 }
 
@@ -200,6 +258,20 @@ mod tests {
         assert!(thermometer.message().contains("Fahrenheit"));
         assert!(thermometer.believes(&reading(720.0 + 8767.0, celsius(8767.0))));
         assert!(thermometer.believes(&reading(720.0 + 8768.0, celsius(8768.0))));
+    }
+
+    /// A first reading of zero, and one that was wild: what follows is far from it and no other unit.
+    #[test]
+    fn a_wild_reading_makes_no_degrees_fahrenheit_of_those_after_it() {
+        let mut thermometer = Thermometer::default();
+        assert!(thermometer.believes(&reading(0.0, 0.0)));
+        let believed = (1..2400)
+            .filter(|hour| thermometer.believes(&reading(f64::from(*hour), 27.0 + f64::from(hour % 3))));
+        assert!(believed.count() > 500);
+        let mut thermometer = of_a_month();
+        assert!(thermometer.believes(&reading(720.0, -4.0)));
+        assert!(!thermometer.believes(&reading(721.0, 16.5)));
+        assert!(thermometer.believes(&reading(722.0, 12.0)));
     }
 
     #[test]

@@ -103,6 +103,7 @@ pub(super) fn follow(seed: u64, story: &Story) -> (DriftWatch, Vec<Finding>) {
                 },
                 last: (day >= *known).then_some(index),
                 moved: None,
+                off: None,
                 drift: story
                     .drift
                     .filter(|(since, _)| place == 0 && day >= *since)

@@ -48,7 +48,7 @@ impl Movement {
     /// True if the latest ratios of another rod lie off by as much: one period is no evidence by itself, and the rod that comes first
     /// with its second record would be told alone.
     fn begins_in(&self, other: &dyn Neighbour) -> bool {
-        let mut latest = other.latest_deviations().into_iter().flatten();
+        let mut latest = other.latest_deviations(self.since).into_iter().flatten();
         latest.any(|(off, sd)| off.abs() > DEVIATING_SD * sd && self.is_shared_by(other, off))
     }
 }
@@ -61,9 +61,10 @@ pub trait Neighbour: Debug + Sync {
     /// N_t / N_0 - 1 in a period, closed or still open; `None` if the rod was not measured in it.
     fn ratio_in(&self, index: i64, period_s: f64) -> Option<f64>;
 
-    /// Deviations of its last period and of its latest record that the watch has not taken yet from what its temperature
-    /// predicted, as shares of the force with their standard deviations; `None` without such a record, or without a temperature.
-    fn latest_deviations(&self) -> [Option<(f64, f64)>; 2];
+    /// Deviations of its last period from its law, and of its latest record that the watch has not taken yet from what its temperature
+    /// predicted, as shares of the force with their standard deviations; `None` without one later than a time \[d\], or without a
+    /// temperature.
+    fn latest_deviations(&self, since: f64) -> [Option<(f64, f64)>; 2];
 
     /// Number of the last period that ended; `None` before the first.
     fn last_period(&self) -> Option<i64>;

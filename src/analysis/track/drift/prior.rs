@@ -16,7 +16,7 @@ const YEARLY_SD: [f64; 3] = [0.002, 0.008, 0.12];
 /// Probability that the residual force jumps in a period: with readings that resolve the day, and with
 /// others.
 const KICK: [f64; 2] = [0.002, 0.02];
-/// Probability that the force changes again in a period after a change: once in some years, as alarms may be false.
+/// Probability that the force changes again in a period after a change: once in three years of daily ones.
 const AGAIN: f64 = 1e-3;
 /// Law of the coefficient of the other rods' median beside a thermometer, and of its square \[per unit\].
 const MEDIAN_SD: [f64; 2] = [0.7, 0.5];

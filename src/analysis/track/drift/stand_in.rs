@@ -1,7 +1,7 @@
 //! Tests of rods of a site that come, go, and lose their inputs: other inputs take the place of those that are missing.
 
 use super::filters::FILTERS_D;
-use super::others::{MOVING, Neighbour, Others};
+use super::others::{MOVING, Movement, Neighbour, Others};
 use super::period::{Period, start_of};
 use super::watch::{DriftWatch, Finding, Terms, Witness};
 use super::{Filters, ThermalPrior};
@@ -24,6 +24,8 @@ pub(super) struct Rod {
     /// Its last period; `None` before it has a baseline.
     pub last: Option<i64>,
     pub moved: Option<Moved>,
+    /// Deviation of its last period, and standard deviation.
+    pub off: Option<(f64, f64)>,
     /// Period from which on it is told to drift, and size.
     pub drift: Option<(i64, f64)>,
 }
@@ -42,8 +44,8 @@ impl Neighbour for Rod {
     fn ratio_in(&self, index: i64, _: f64) -> Option<f64> {
         self.ratios.get(&index).copied()
     }
-    fn latest_deviations(&self) -> [Option<(f64, f64)>; 2] {
-        [None; 2]
+    fn latest_deviations(&self, _: f64) -> [Option<(f64, f64)>; 2] {
+        [self.off, None]
     }
     fn last_period(&self) -> Option<i64> {
         self.last
@@ -208,6 +210,7 @@ impl Site {
                         ratios: ratios.clone(),
                         last: Some(index),
                         moved: today.moved,
+                        off: None,
                         drift: None,
                     }
                 })
@@ -413,4 +416,30 @@ fn what_another_rod_brings_about_waits_whatever_showed_before() {
         long_before.contains(&Finding::Drift(Witness::Confirmed)),
         "{long_before:?}"
     );
+}
+
+/// The first rod with its second record after a thermometer's jump finds one period of each other rod: no evidence, but off as it is.
+#[test]
+fn a_rod_whose_last_period_is_off_as_well_moves_with_it() {
+    let movement = Movement {
+        since: 98.0,
+        size: -0.09,
+        slope_per_k: None,
+    };
+    let moving = |off: (f64, f64)| {
+        let rod = |name| Rod {
+            name,
+            ratios: Ratios::new(),
+            last: Some(100),
+            moved: None,
+            off: Some(off),
+            drift: None,
+        };
+        Others::new(&[rod("b"), rod("c")]).moving(100, &movement)
+    };
+    assert_eq!(moving((-0.08, 0.004)), 2);
+    // The other way, by less than it would, and within its noise.
+    assert_eq!(moving((0.08, 0.004)), 0);
+    assert_eq!(moving((-0.02, 0.004)), 0);
+    assert_eq!(moving((-0.08, 0.05)), 0);
 }

@@ -14,6 +14,9 @@ use crate::track::observation::Observation;
 use crate::track::plausibility::{JUMP_S, Peer};
 use crate::track::relative::{NoRelative, Relative};
 
+/// Longest silence that ends a baseline with the records before it \[s\].
+const LONGEST_SILENCE_S: f64 = 3.0 * 365.25 * 86_400.0;
+
 /// Largest age of a temperature at the end of a record \[s\].
 const STALE_S: f64 = 3.0 * 3600.0;
 
@@ -29,6 +32,7 @@ impl Tracker {
         let patience = self.plan.alarm.sensor_records;
         let state = &mut self.state;
         let (rod, latest) = (&state.rod, state.latest);
+        let is_repeated = state.plausibility.is_doubted_at(observation.start);
         let doubt = state
             .plausibility
             .doubt(observation, rod, latest, peers, patience);
@@ -41,8 +45,9 @@ impl Tracker {
             let aside = SetAside::from(&doubt);
             if aside == SetAside::Clock {
                 // A loss shows whatever the clock says, and may have come with the silence.
-                let shown = self.look_at_doubted(observation);
-                self.look_at_suspicion(shown, self.known_at(observation.start));
+                if !is_repeated && !self.state.plausibility.is_exchanged() {
+                    self.look_at_doubted(observation);
+                }
             } else {
                 self.keep_readings(&observation.readings);
             }
@@ -108,11 +113,13 @@ impl Tracker {
             self.look_for_silence(time);
         }
         self.on_board(|board| board.clear(crate::track::alarm::Kind::NoData, time));
-        // A baseline with such a hole is none: the rod may have changed in it.
+        // A baseline with such a hole is none: the rod may have changed in it. Behind years the clock was wrong before, most likely.
         let waiting = self.state.learning.len();
         let has_hole = latest.is_some_and(|latest| time.seconds_since(latest) > JUMP_S) && waiting > 0;
-        let is_learned = has_hole && waiting >= early::RECORDS && self.learn_baseline(waiting);
+        let is_silence = latest.is_some_and(|latest| time.seconds_since(latest) < LONGEST_SILENCE_S);
+        let is_learned = has_hole && is_silence && waiting >= early::RECORDS && self.learn_baseline(waiting);
         if has_hole && !is_learned {
+            self.state.segment.fault = None;
             self.state.learning.clear();
             self.end_early();
             self.drop_suspicion(time);
@@ -346,32 +353,44 @@ impl Tracker {
         }
     }
 
-    /// Checks a record whose clock is doubted for a loss, by what the rod's own data and the record's own temperature predict of its time;
-    /// returns the loss that it shows by itself. It ends none.
-    fn look_at_doubted(&mut self, observation: &Observation) -> Option<Shown> {
+    /// Checks a record whose clock is doubted for a loss, by what the rod's own data and the record's own temperature predict of its time. It
+    /// ends none.
+    fn look_at_doubted(&mut self, observation: &Observation) {
         let (time, limit) = (self.known_at(observation.start), self.plan.alarm.limit_loss);
-        let relative = match self.relative(observation)? {
-            Ok(relative) => relative,
-            Err(NoRelative::OutsideRange) => {
-                let loss = Loss::bound(self.state.segment.baseline.as_ref()?, observation);
+        let relative = match self.relative(observation) {
+            Some(Ok(relative)) => relative,
+            Some(Err(NoRelative::OutsideRange)) => {
+                let baseline = self.state.segment.baseline.as_ref();
+                let loss = baseline.and_then(|baseline| Loss::bound(baseline, observation));
                 self.look_at_bound(loss, time);
-                return loss.map(Shown::bound);
+                return self.look_at_suspicion(loss.map(Shown::bound), time);
             }
-            Err(NoRelative::NoCommonMode) => return None,
+            Some(Err(NoRelative::NoCommonMode)) | None => return,
         };
         let pending = Pending::new(observation, &relative);
-        let watch = self.state.watch.get()?;
-        let day = observation.start.max(self.state.latest?).days();
-        let law = watch.blind_law(day, pending.delta, pending.sd)?;
-        let filters = self.state.filters.advanced(&observation.readings, pending.end);
-        let by_temperature = watch.law_by_temperature(&pending, &filters);
+        let Some(watch) = self.state.watch.get() else {
+            return;
+        };
+        let Some(law) = watch.blind_law(pending.start.days(), pending.delta, pending.sd) else {
+            return;
+        };
+        // They teach the thermometer's memory nothing.
+        let mut thermometer = self.state.thermometer.clone();
+        let credible = |reading: &&Reading| thermometer.believes(reading);
+        let readings: Vec<Reading> = observation.readings.iter().filter(credible).copied().collect();
+        let filters = self.state.filters.advanced(&readings, pending.end);
+        let by_temperature = watch
+            .law_by_temperature(&pending, &filters)
+            .filter(|_| !readings.is_empty());
         let known = by_temperature.map(|law| Loss::from_law(pending.delta, &law));
         let measured = Loss::from_law(pending.delta, &law);
         if judged(measured, known, limit).0 == Some(true) {
             self.look_at_loss(pending.delta, Some(law), known, time);
         }
         let loss = known.unwrap_or(measured);
-        Some(Shown::within(loss, pending.delta, &law, limit))
+        if loss.exceeds(limit) {
+            self.look_at_suspicion(Some(Shown::within(loss, pending.delta, &law, limit)), time);
+        }
     }
 
     fn await_period(&mut self, pending: Pending) {

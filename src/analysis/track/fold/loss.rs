@@ -9,7 +9,7 @@
 //! the loss at the reference temperature must be certain as well, and the frequencies themselves must have fallen: a thermometer
 //! that was replaced or moved to a colder place moves the first alone.
 
-use super::tracker::Tracker;
+use super::tracker::{LOSS_RECORDS, Tracker};
 use super::verdict::AtReference;
 use crate::signal::record::Timestamp;
 use crate::track::alarm::{Cause, Kind};
@@ -206,18 +206,26 @@ impl Tracker {
     }
 
     /// Checks the limit by a closed period without a temperature, beside the other rods: after a long silence the rod's own data say little.
-    /// The records of the open period, which the period's law predicts as well, may confirm it.
+    /// The records of the open period confirm it, as far as the weather moves the rod from one period to the next. A change that is told
+    /// beside the others has two periods behind it.
     pub(super) fn look_at_loss_beside_others(&mut self, period: &Period, others: &Others, time: Timestamp) {
         let limit = self.plan.alarm.limit_loss;
         let watch = self.state.watch.get();
         let law = watch.and_then(|watch| watch.law_without_temperature(others, period.index));
-        if let Some(law) = law.filter(|law| Loss::from_law(period.delta, law).exceeds(limit)) {
-            let open: Vec<f64> = self.state.open.iter().map(|pending| pending.delta).collect();
+        let law = law.map(|law| Law {
+            sd: law.sd.hypot(self.state.step_sd()),
+            ..law
+        });
+        let open: Vec<f64> = self.state.open.iter().map(|pending| pending.delta).collect();
+        let exceeds = |ratio: f64| law.is_some_and(|law| Loss::from_law(ratio, &law).exceeds(limit));
+        if exceeds(period.delta) && !open.is_empty() && open.iter().copied().all(exceeds) {
             for ratio in std::iter::once(period.delta).chain(open) {
-                self.look_at_loss(ratio, Some(law), None, time);
+                self.look_at_loss(ratio, law, None, time);
             }
         } else if let Some(loss) = self.loss_without_temperature() {
-            self.find_loss(Some(true), loss, time);
+            for _ in 0..LOSS_RECORDS {
+                self.find_loss(Some(true), loss, time);
+            }
         }
     }
 

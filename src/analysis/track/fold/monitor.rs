@@ -233,8 +233,7 @@ fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &Others, time
     let is_taken_over = state.watches.stands(Cause::Change) || state.watches.stands(Cause::Pattern);
     let drifts = drifts && (is_taken_over || !state.alarms.iter().any(is_early));
     // While a rod moves with others the thermometer is in doubt: what it alone shows is no change of one rod.
-    let moves_with_others =
-        state.holds(Kind::Common) || state.watch.get().is_some_and(DriftWatch::has_joined);
+    let moves_with_others = state.moves_with_others() && others.known(period.index) > 0;
     let is_known = match finding {
         Finding::Quiet | Finding::Waiting => true,
         Finding::Drift(Witness::Unconfirmed | Witness::Alone) if moves_with_others => true,
@@ -425,9 +424,12 @@ fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     let evidence = charted.evidence.best_informed();
     // A change that came back has evidence for good: what it came to decides.
     let watch = tracker.state.watch.get();
-    let stands = |change: drift::Change| change.size.abs() > STANDS_SD * change.size_sd;
-    let is_told = evidence >= 1.0;
-    let has_come_back = is_told && !watch.and_then(DriftWatch::change).is_some_and(stands);
+    let limit = tracker.plan.limit();
+    let came_back = |watch: &DriftWatch| {
+        let is_back = |change: drift::Change| change.size.abs() < STANDS_SD * change.size_sd;
+        watch.evidence(None) > limit && watch.change().is_some_and(is_back)
+    };
+    let (is_told, has_come_back) = (evidence >= 1.0, watch.is_some_and(came_back));
     let by_level = charted
         .at_reference
         .zip(charted.at_reference_sd)

@@ -33,7 +33,7 @@ pub(crate) fn of_record(
     // every record's noise, and differs from them the more the temperature moved the force.
     let measured = libm::expm1(relative.estimate);
     let own_sd = relative.record_sd * (1.0 + measured);
-    // Known of records in the same period, the scatter takes the place of what the record states.
+    // Where it is known, the scatter within a period is added to the law of a period, at least what the record states.
     let scatter = state.scatter.sd();
     let (change, change_sd) = watch.change_of(
         end.days(),

@@ -22,6 +22,12 @@ use serde::{Deserialize, Serialize};
 /// Periods after an alarm within which the size of its change may be unknown: a large one is sure within three.
 const DOUBT_PERIODS: i64 = 5;
 
+/// Periods whose steps tell the weather's.
+const STEPS: usize = 60;
+
+/// Periods of its own after which a `limit` without a drift puts a rod in doubt no more.
+const LOST_PERIODS: usize = 30;
+
 /// A stretch of history with one baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Segment {
@@ -290,6 +296,25 @@ impl State {
         self.watch.get()?.law_by_temperature(pending, &filters)
     }
 
+    /// Root mean square of the steps between the last periods' ratios: what the weather does from one to the next.
+    pub(super) fn step_sd(&self) -> f64 {
+        let last = &self.periods[self.periods.len().saturating_sub(STEPS + 1)..];
+        let near = last.windows(2).filter(|pair| pair[1].index - pair[0].index == 1);
+        let steps: Vec<f64> = near.map(|pair| (pair[1].delta - pair[0].delta).powi(2)).collect();
+        let mean = steps.iter().sum::<f64>() / steps.len().max(1) as f64;
+        mean.sqrt()
+    }
+
+    /// True while few periods ended since a time.
+    fn is_followed_briefly_since(&self, time: Timestamp) -> bool {
+        let later = self
+            .periods
+            .iter()
+            .rev()
+            .take_while(|period| period.time() > time);
+        later.take(LOST_PERIODS + 1).count() <= LOST_PERIODS
+    }
+
     /// The usual distance between records \[s\]; `None` before two records.
     pub(crate) fn usual_s(&self) -> Option<f64> {
         let (first, last, records) = match (&self.segment.baseline, &self.learning[..]) {
@@ -321,16 +346,25 @@ impl Neighbour for State {
         (weight > 0.0).then(|| sum / weight)
     }
 
-    fn latest_deviations(&self) -> [Option<(f64, f64)>; 2] {
+    fn latest_deviations(&self, since: f64) -> [Option<(f64, f64)>; 2] {
         let compensated = |charted: &Charted| charted.evidence.compensated.is_some();
-        let closed = self.periods.last().and_then(|period| {
-            let charted = period.charted.filter(compensated)?;
-            Some((period.delta - charted.expected, charted.expected_sd))
-        });
-        let open = self.open.last().and_then(|pending| {
-            let law = self.thermal_law(pending)?;
-            Some((pending.delta - law.mean, law.sd))
-        });
+        let is_later = |time: Timestamp| time.days() > since;
+        let closed = self
+            .periods
+            .last()
+            .filter(|period| is_later(period.start))
+            .and_then(|period| {
+                let charted = period.charted.filter(compensated)?;
+                Some((period.delta - charted.expected, charted.expected_sd))
+            });
+        let open = self
+            .open
+            .last()
+            .filter(|pending| is_later(pending.start))
+            .and_then(|pending| {
+                let law = self.thermal_law(pending)?;
+                Some((pending.delta - law.mean, law.sd))
+            });
         [closed, open]
     }
 
@@ -364,7 +398,11 @@ impl Neighbour for State {
             let periods = index.saturating_sub(period::index_of(alarm.raised, period_s));
             let most = match alarm.kind {
                 Kind::Suspected => i64::MAX,
-                Kind::Limit if !knows_size && !self.drifts() => i64::MAX,
+                Kind::Limit
+                    if !knows_size && !self.drifts() && self.is_followed_briefly_since(alarm.raised) =>
+                {
+                    i64::MAX
+                }
                 Kind::Drift | Kind::NotAxial | Kind::Limit if !knows_size => DOUBT_PERIODS,
                 _ => return false,
             };

@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Number of records in a row that show a certain loss.
-const LOSS_RECORDS: usize = 2;
+pub(super) const LOSS_RECORDS: usize = 2;
 
 /// Least silence worth an alarm, in usual distances between records.
 pub const SILENCE_INTERVALS: f64 = 3.5;

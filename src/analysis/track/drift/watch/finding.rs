@@ -130,7 +130,7 @@ impl DriftWatch {
     }
 
     /// Law of the last period by the other rods alone, where there was no temperature: of the two in the middle the one that expects less,
-    /// since the other may have risen. `None` if a rod of the median may have moved.
+    /// since the other may have risen. `None` if a rod of the median may have moved, and in the first periods after a restart.
     pub(crate) fn law_without_temperature(&self, others: &Others, index: i64) -> Option<Law> {
         let [one, other] = self.beside_others?;
         let law = if other.mean < one.mean { other } else { one };
@@ -155,7 +155,7 @@ impl DriftWatch {
             (other, one)
         };
         let is_far = laws.iter().all(|law| farther.abs() > FAR_SD * law.sd);
-        is_far && nearer / farther < NEARER_SHARE
+        is_far && (nearer / farther).abs() < NEARER_SHARE
     }
 
     /// Size of a change that shows beside the other rods, where there was no temperature, and its standard deviation.

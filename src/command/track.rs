@@ -41,8 +41,8 @@ A table (CSV, or with semicolons or tabs) names its columns in the first line, i
 
 `time` is ISO 8601 (UTC where no zone is said) or seconds since 1970; `sd1_hz`
 is the standard error of `f1_hz`. An empty cell (or nan, null, NA, -) is a value
-that is missing: above, mode 2 of the last record. A row without frequencies is a temperature, of
-every rod if it names none. `rms` (of the samples, one unit throughout) and
+that is missing: above, mode 2 of the last record. A row without frequencies is
+a temperature, of every rod if it names none. `rms` (of the samples, one unit throughout) and
 `duration_s` may be there. Rows of all tables are taken in the order of their
 times. The configuration is that of `replay`, from `tirante init`; where its
 samples come from does not matter here.

@@ -1,5 +1,8 @@
 //! `tirante identify`: one recording, or frequencies measured elsewhere, to the posterior.
 
+mod description;
+mod frequencies;
+
 use super::campaign::{self, Became, Reading};
 use super::draws::DrawsFile;
 use super::findings;
@@ -8,35 +11,25 @@ use super::listing::folded;
 use super::progress::Progress;
 use super::setup::{self, Setup};
 use super::sketch::{self, When};
-use super::tests_of_rod::{self, TestFlags, Tests};
+use super::tests_of_rod::{TestFlags, Tests};
 use super::{BadArguments, WITH_LOSSES};
-use crate::analysis::findings::{CERTAIN, Candidate};
-use crate::analysis::identify::{Identification, Plan};
-use crate::analysis::inference::Posterior;
-use crate::analysis::numerics::diagnostics;
+use crate::analysis::identify::Plan;
 use crate::analysis::outcome::{Outcome, Rejected};
 use crate::analysis::record_view::Snapshot;
-use crate::analysis::rod::beam::Quantity;
-use crate::analysis::rod::fixity::Fixity;
-use crate::analysis::rod::prior::Prior;
 use crate::analysis::signal::modes::Mode;
 use crate::command::which_store::Output;
-use crate::config::{Config, written};
+use crate::config::Config;
 use crate::site::analyse::{Analysed, Known};
 use crate::site::prepared::{Plans, provenance};
 use crate::site::record_row::RecordRow;
 use crate::site::store::Position;
 use anyhow::anyhow;
+use description::describe;
+use frequencies::modes_of;
 use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
-
-/// Standard error of a frequency given without one \[Hz\]: the paper's Sigma = 1e-3 Hz^2.
-const DEFAULT_SD_HZ: f64 = 0.031_622_776_601_683_79;
-
-/// Highest frequency accepted; no rod vibrates faster \[Hz\].
-const HIGHEST_HZ: f64 = 1e5;
 
 /// Compute the posterior of the axial force from one recording.
 ///
@@ -346,282 +339,5 @@ fn plot(args: &Args, picture: impl FnOnce() -> Option<Snapshot>) -> String {
     match drawn {
         Some(plot) if !plot.is_empty() => format!("\n{plot}"),
         _ => String::new(),
-    }
-}
-
-/// Prior and posterior of every uncertain parameter, with remarks on their reliability.
-fn describe(plan: &Plan, identification: &Identification) -> String {
-    let mut text = String::new();
-    let mut line = |content: String| {
-        text.push_str(content.trim_end());
-        text.push('\n');
-    };
-    line(identification.rod.to_string());
-    if let Some(measurement) = &identification.measurement {
-        findings::opening(measurement).into_iter().for_each(&mut line);
-    }
-    if let Some(labels) = &identification.labels {
-        line(format!(
-            "  orders of the modes right with a probability of {}",
-            findings::probability(labels.probability)
-        ));
-    }
-    line(String::new());
-    line("  mode   frequency [Hz]   standard error [Hz]   damping [%]".to_owned());
-    for mode in &identification.modes {
-        let damping = mode
-            .damping
-            .map_or_else(|| "-".to_owned(), |zeta| format!("{:.3}", zeta * 100.0));
-        let decimals = findings::decimals(Some(mode.sd_hz)).max(4);
-        line(format!(
-            "  {:>4}   {:>14.decimals$}   {:>19.decimals$}   {damping:>11}",
-            mode.order, mode.frequency_hz, mode.sd_hz
-        ));
-    }
-    let uncertain = identification
-        .labels
-        .as_ref()
-        .filter(|labels| labels.probability < CERTAIN && !labels.candidates.is_empty());
-    if let Some(labels) = uncertain {
-        line(String::new());
-        findings::candidates(&Candidate::all(labels))
-            .lines()
-            .for_each(|candidate| line(candidate.to_owned()));
-    }
-    line(String::new());
-    line(format!(
-        "  {:<22} {:>10} {:>5}  {:>10} {:>5}  {:>9} {:>9}",
-        "quantity", "prior mean", "CV", "posterior", "CV", "2.5 %", "97.5 %"
-    ));
-    let prior = &plan.settings().prior;
-    for (quantity, before) in prior.parameterisation().quantities().iter().zip(prior.priors()) {
-        let (mean, sd) = before.mean_and_sd();
-        if before.is_fixed() {
-            line(format!("  {:<22} {mean:>10.5}  fixed", quantity.key()));
-        } else if let Prior::Fixity(fixity) = before {
-            line(fixity_row(*quantity, fixity, &identification.posterior));
-        } else if let Some(after) = identification.posterior.marginal(*quantity) {
-            line(format!(
-                "  {:<22} {:>10.4e} {:>5.3}  {:>10.4e} {:>5.3}  {:>9.4e} {:>9.4e}",
-                quantity.key(),
-                mean,
-                sd / mean,
-                after.mean,
-                after.cv,
-                after.q025,
-                after.q975
-            ));
-        }
-    }
-    line(String::new());
-    let posterior = &identification.posterior;
-    line(format!(
-        "  {} of {} draws accepted, epsilon {:.4}, effective sample size {:.0}",
-        posterior.accepted, posterior.draws, posterior.epsilon, posterior.ess
-    ));
-    if let Some(reason) = posterior.withheld {
-        line(format!("  ! regression adjustment withheld: {reason}"));
-    }
-    if let Some(tested) = &identification.tested {
-        let force = posterior
-            .mean(Quantity::AxialForce)
-            .zip(posterior.sd(Quantity::AxialForce));
-        let (mean, sd) = force.unwrap_or((f64::NAN, f64::NAN));
-        line(String::new());
-        tests_of_rod::described(tested, mean, sd)
-            .into_iter()
-            .for_each(&mut line);
-        line(String::new());
-    }
-    let conflict = &identification.conflict;
-    line(format!(
-        "  conflict {:.1}: standard deviations from the nearest frequencies the model can produce",
-        conflict.score
-    ));
-    let force = posterior.marginal(Quantity::AxialForce);
-    findings::doubts(conflict, force.as_ref())
-        .into_iter()
-        .for_each(&mut line);
-    if let Some(shares) = &identification.hangs_on {
-        line(String::new());
-        findings::hangs_on(shares)
-            .lines()
-            .for_each(|row| line(row.to_owned()));
-    }
-    text
-}
-
-/// Row of a support given by its fixity: its stiffness has no meaningful mean.
-fn fixity_row(support: Quantity, fixity: &Fixity, posterior: &Posterior) -> String {
-    let (mean, sd) = fixity.fixity_mean_and_sd();
-    let name = match support {
-        Quantity::SpringLeft => "fixity_left",
-        _ => "fixity_right",
-    };
-    let values: Vec<f64> = posterior
-        .values(support)
-        .unwrap_or_default()
-        .into_iter()
-        .map(|stiffness| fixity.of(stiffness))
-        .collect();
-    let weights = &posterior.weights;
-    let after = diagnostics::mean(&values, weights);
-    let quantiles = diagnostics::quantiles(&values, weights, &[0.025, 0.975]);
-    format!(
-        "  {name:<22} {mean:>10.4} {:>5.3}  {after:>10.4} {:>5.3}  {:>9.4} {:>9.4}",
-        sd / mean,
-        diagnostics::sd(&values, weights) / after,
-        quantiles[0],
-        quantiles[1]
-    )
-}
-
-/// Modes from the list of one flag, with the errors of another; says which error is assumed without it.
-fn modes_of((flag, list): (&str, &str), (sd_flag, sd): (&str, Option<&str>)) -> anyhow::Result<Vec<Mode>> {
-    let modes = parse_modes((flag, list), (sd_flag, sd))?;
-    if sd.is_none() {
-        tell!(
-            "no {sd_flag}: every frequency of {flag} is taken with the paper's standard error of 0.0316 Hz"
-        );
-    }
-    Ok(modes)
-}
-
-fn parse_modes((flag, list): (&str, &str), (sd_flag, sd): (&str, Option<&str>)) -> anyhow::Result<Vec<Mode>> {
-    let frequencies = parse_list(flag, list)?;
-    let sds = sd.map(|sd| parse_list(sd_flag, sd)).transpose()?;
-    if let Some(sds) = &sds
-        && sds.len() != 1
-        && sds.len() != frequencies.len()
-    {
-        let message = format!(
-            "{sd_flag} has {} entries, {flag} {}",
-            sds.len(),
-            frequencies.len()
-        );
-        return Err(BadArguments(message).into());
-    }
-    let mut modes: Vec<Mode> = Vec::new();
-    for (index, frequency) in frequencies.iter().enumerate() {
-        let Some(frequency_hz) = *frequency else { continue };
-        let order = index + 1;
-        let sd_hz = match sds.as_deref() {
-            None => DEFAULT_SD_HZ,
-            Some([one]) => one.ok_or_else(|| BadArguments(format!("{sd_flag}: '-' alone gives no error")))?,
-            Some(list) => list[index].ok_or_else(|| {
-                BadArguments(format!("{sd_flag}: mode {order} was measured, its error is '-'"))
-            })?,
-        };
-        if modes
-            .last()
-            .is_some_and(|before| before.frequency_hz >= frequency_hz)
-        {
-            let message = format!("{flag}: mode {order} at {frequency_hz} Hz is not above the one before");
-            return Err(BadArguments(message).into());
-        }
-        modes.push(Mode {
-            order,
-            frequency_hz,
-            sd_hz,
-            damping: None,
-        });
-    }
-    if modes.is_empty() {
-        return Err(BadArguments(format!("{flag}: no mode was measured")).into());
-    }
-    if let Some(mode) = modes.last()
-        && mode.order > crate::analysis::rod::beam::forward::MAX_MODES
-    {
-        let message = format!(
-            "{flag}: at most {} modes are used",
-            crate::analysis::rod::beam::forward::MAX_MODES
-        );
-        return Err(BadArguments(message).into());
-    }
-    Ok(modes)
-}
-
-fn parse_list(flag: &str, text: &str) -> anyhow::Result<Vec<Option<f64>>> {
-    let entries = written::list(text).map_err(|why| BadArguments(format!("{flag}: {why}")))?;
-    entries
-        .into_iter()
-        .map(|entry| match entry {
-            "-" | "" => Ok(None),
-            number => match written::decimal(number) {
-                Err(why) if number.contains(',') => Err(BadArguments(format!("{flag}: {why}")).into()),
-                Ok(value) if value > 0.0 && value <= HIGHEST_HZ => Ok(Some(value)),
-                _ => Err(BadArguments(format!(
-                    "{flag}: '{number}' is no number of hertz above 0 and up to {HIGHEST_HZ}"
-                ))
-                .into()),
-            },
-        })
-        .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn modes(frequencies: &str, sd: Option<&str>) -> anyhow::Result<Vec<Mode>> {
-        parse_modes(("--frequencies", frequencies), ("--sd", sd))
-    }
-
-    #[test]
-    fn missing_modes_keep_their_place() {
-        let found = modes("4.492,-,13.252", Some("0.005,-,0.01")).unwrap();
-        assert_eq!(found.iter().map(|mode| mode.order).collect::<Vec<_>>(), [1, 3]);
-        assert_eq!(found[1].sd_hz, 0.01);
-    }
-
-    #[test]
-    fn one_error_serves_all_and_none_is_the_papers() {
-        let both = modes("4.5,9.3", Some("0.002")).unwrap();
-        assert!(both.iter().all(|mode| mode.sd_hz == 0.002));
-        let one = modes("4.5", None).unwrap();
-        assert!((one[0].sd_hz.powi(2) - 1e-3).abs() < 1e-18);
-    }
-
-    #[test]
-    fn nonsense_is_refused() {
-        for (frequencies, sd) in [
-            ("", None),
-            ("-,-", None),
-            ("4.5,abc", None),
-            ("4.5,nan", None),
-            ("-4.5", None),
-            ("9.3,4.5", None),
-            ("1,2,3,4,5,6", None),
-            ("4.5,9.3", Some("0.1,0.1,0.1")),
-            ("4.5,9.3", Some("0.1,-")),
-            ("4.5", Some("-")),
-            ("4.5", Some("0")),
-            ("4,492", Some("0.1")),
-            ("4,5", Some("0.1")),
-            ("4.5", Some("0,01")),
-        ] {
-            assert!(modes(frequencies, sd).is_err(), "{frequencies} {sd:?}");
-        }
-    }
-
-    #[test]
-    fn a_fault_names_the_flag_it_stands_in() {
-        for (frequencies, sd, flag) in [
-            ("9.5,8.0", None, "--mass-frequencies: mode 2"),
-            (
-                "9.5,18.0",
-                Some("0.1,0.1,0.1"),
-                "--mass-sd has 3 entries, --mass-frequencies 2",
-            ),
-            ("9.5", Some("-"), "--mass-sd: "),
-            ("9,5", None, "--mass-frequencies: a comma"),
-            ("-", None, "--mass-frequencies: no mode"),
-        ] {
-            let said = parse_modes(("--mass-frequencies", frequencies), ("--mass-sd", sd));
-            let said = said.unwrap_err().to_string();
-            assert!(said.starts_with(flag), "{frequencies}: {said}");
-        }
-        let commas = modes("4,49; 9,28", None).unwrap();
-        assert_eq!((commas[0].frequency_hz, commas[1].frequency_hz), (4.49, 9.28));
     }
 }

@@ -1,11 +1,14 @@
 //! Temperature readings that cannot be what they claim: another unit, a broken wire, a thermometer that is
 //! stuck.
 //!
+//! * `fahrenheit` readings in degrees Fahrenheit, by what they are in degrees Celsius
 //! * `standstill` dead thermometers, by the law of the thermometer's own standstills
 
+mod fahrenheit;
 mod standstill;
 
 use crate::signal::record::{Reading, Timestamp};
+use fahrenheit::Fahrenheit;
 use serde::{Deserialize, Serialize};
 use standstill::{Standstill, Still};
 
@@ -20,14 +23,9 @@ const SILENT_K_PER_DAY: f64 = 0.5;
 const DOUBTED_K_PER_DAY: f64 = 0.1;
 const MOST_K: f64 = 45.0;
 
-/// Most by which a first reading in degrees Fahrenheit, converted, lies from the last one and from the level of those before, and by which later
-/// ones differ from one to the next \[K\]: less than what a return to Celsius makes from -12 degC on.
-const CONVERTED_K: [f64; 2] = [6.0, 10.0];
 /// Readings from which there is a level, and those that its mean goes back.
 const FEWEST: u32 = 24;
 const LEVEL_READINGS: u32 = 48;
-/// Silence after which what a thermometer read before says nothing of its unit \[s\].
-const FORGOTTEN_S: f64 = 14.0 * 86_400.0;
 
 /// Memory for judging the next reading.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -52,15 +50,6 @@ pub struct Thermometer {
     is_held: bool,
     /// Reason why the last reading was not believed.
     doubt: Option<Doubt>,
-}
-
-/// Readings that go on as degrees Fahrenheit.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-struct Fahrenheit {
-    /// The last of them, converted \[degC\].
-    last: Reading,
-    /// True if the one after it did not go on so.
-    has_strayed: bool,
 }
 
 /// Time without readings after which a thermometer is silent \[s\]: the sparsest in use are read once a day.
@@ -155,47 +144,21 @@ impl Thermometer {
         (still == Still::Dead).then_some(Doubt::Still)
     }
 
-    /// True if a reading far from the last one lies where it would in degrees Fahrenheit; a level that one wild reading left is no jump.
+    /// True if readings in degrees Fahrenheit begin with this one, which lies far from the last.
     fn begins_as_fahrenheit(&mut self, reading: &Reading, last: &Reading) -> bool {
-        let known = [last.celsius, self.level_c];
-        let is_far = known.iter().all(|known| (reading.celsius - known).abs() > JUMP_K);
-        let converted = converted(reading);
-        // The level is that of days, which the reading may be off by.
-        let is_near = (converted.celsius - last.celsius).abs() <= CONVERTED_K[0]
-            && (converted.celsius - self.level_c).abs() <= JUMP_K;
-        let begins = self.accepted >= FEWEST && is_far && is_near;
-        self.fahrenheit = begins.then_some(Fahrenheit {
-            last: converted,
-            has_strayed: false,
-        });
-        begins
+        self.fahrenheit = Some([last.celsius, self.level_c])
+            .filter(|_| self.accepted >= FEWEST)
+            .and_then(|known_c| Fahrenheit::begins(reading, known_c));
+        self.fahrenheit.is_some()
     }
 
-    /// True if a reading goes on as those in degrees Fahrenheit before it: in winter they come near what was read in Celsius in summer. The
-    /// second that does not, or a long silence, ends them.
+    /// True if a reading goes on as those in degrees Fahrenheit before it.
     fn goes_on_as_fahrenheit(&mut self, reading: &Reading) -> bool {
-        let Some(known) = &mut self.fahrenheit else {
-            return false;
-        };
-        let (passed_s, converted) = (reading.time.seconds_since(known.last.time), converted(reading));
-        let goes_on = (converted.celsius - known.last.celsius).abs() <= CONVERTED_K[1];
-        if passed_s > FORGOTTEN_S || (!goes_on && known.has_strayed) {
+        let goes_on = self.fahrenheit.as_mut().and_then(|known| known.goes_on(reading));
+        if goes_on.is_none() {
             self.fahrenheit = None;
-            return false;
         }
-        known.has_strayed = !goes_on;
-        if goes_on && passed_s > 0.0 {
-            known.last = converted;
-        }
-        goes_on
-    }
-}
-
-/// A reading in degrees Fahrenheit \[degC\].
-fn converted(reading: &Reading) -> Reading {
-    Reading {
-        celsius: (reading.celsius - 32.0) / 1.8,
-        ..*reading
+        goes_on == Some(true)
     }
 }
 

@@ -77,9 +77,9 @@ impl Column {
 
 /// Reads a table. The first line names the columns: `time` (ISO 8601, UTC where no zone is given, or seconds
 /// since 1970), `rod`, `f1_hz`, `sd1_hz`, `f2_hz`, ..., `temperature_c`, `rms`, `duration_s`, in any order;
-/// only `time` must be there. Empty cells, `nan`, `null`, `NA` and `-` are missing values; every row has as many cells
-/// as the first line. The delimiter (comma, semicolon, tab) is the
-/// first that the head holds; `decimal_comma` for `4,492`, `dates` for 03/04/2026.
+/// only `time` must be there. Empty cells, `nan`, `null`, `NA` and `-` are missing values; every row has as
+/// many cells as the first line. The delimiter (comma, semicolon, tab) is the first that the head holds;
+/// `decimal_comma` for `4,492`, `dates` for 03/04/2026.
 ///
 /// # Errors
 /// The first thing that is wrong, with line and column.
@@ -298,7 +298,7 @@ impl Cells<'_> {
         let value = super::csv::number(text, self.table.decimal_comma);
         match value.filter(|value| value.is_finite() && is_possible(*value)) {
             Some(value) => Ok(Some(value)),
-            None if !self.table.decimal_comma && super::csv::number(text, true).is_some() => Err(self.at(
+            None if value.is_none() && super::csv::number(text, true).is_some() => Err(self.at(
                 column,
                 format!("\"{text}\" is no number; --decimal-comma reads 4,492 as 4.492"),
             )),
@@ -352,7 +352,7 @@ mod tests {
                     2026-03-01T06:00:00Z,north,4.49,0.004,9.3,0.01,8.5,0.002\n\
                     \n\
                     2026-03-01 07:00,,,,,,9.0,\n\
-                    1772352000,north,-,,9.31,0.01,nan\n\
+                    1772352000,north,-,,9.31,0.01,nan,\n\
                     2026-03-02,north,,,,,,\n";
         let table = read(text.as_bytes(), false, None).unwrap();
         assert_eq!(table.unused, ["zeta1"]);

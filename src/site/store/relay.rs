@@ -2,8 +2,8 @@
 
 use super::change::Changed;
 use super::commit::{write_alarm, write_event};
+use super::listing::Filter;
 use super::operation::write_delivery;
-use super::read::Filter;
 use super::row::Row;
 use super::state::{Failure, plain};
 use super::vigil::{ConditionEvent, write_notice};

@@ -5,9 +5,10 @@
 //! is there. Both are dropped then: the baseline's own watch begins with its first record. A sudden large loss is a `limit` from
 //! single records, as later.
 
-use super::intake::mean_temperature;
+use super::change::change_told;
+use super::learning::mean_temperature;
 use super::loss::{Loss, Shown, judged};
-use super::monitor::{change_told, is_suspect};
+use super::monitor::is_suspect;
 use super::packed::Packed;
 use super::plan::TrackPlan;
 use super::tracker::Tracker;
@@ -281,10 +282,7 @@ impl Tracker {
                 let loss = by_temperature.unwrap_or_else(|| Loss::from_law(ratio, &alone));
                 Some(Shown::within(loss, ratio, &alone, self.plan.alarm.limit_loss))
             }
-            Some(Taken::Beyond(bound)) => {
-                self.look_at_bound(bound, time);
-                bound.map(Shown::bound)
-            }
+            Some(Taken::Beyond(bound)) => self.look_at_bound(bound, time),
             Some(Taken::Without) | None => None,
         };
         if let Some((change, witness)) = found {

@@ -3,8 +3,8 @@
 //! The onset particles hold the sum of a step and those after it, dated by the first; a ramp after it is none of them. The change at the
 //! reference temperature holds all.
 
+use super::change::{change_now, static_sd};
 use super::explain::explain;
-use super::monitor::{change_now, static_sd};
 use super::tracker::Tracker;
 use super::wording::drift_message;
 use crate::signal::record::Timestamp;

@@ -1,10 +1,10 @@
 //! Intake of one identified record: doubted, set aside, kept for the baseline, or added to its period.
 
-use super::loss::{Loss, Shown, judged};
-use super::state::{Opening, State};
+use super::loss::{Loss, Shown};
+use super::state::Opening;
 use super::tracker::Tracker;
 use super::verdict::{SetAside, Verdict};
-use super::{early, monitor, reference};
+use super::{monitor, reference};
 use crate::signal::record::{Reading, Timestamp};
 use crate::track::alarm::Cause;
 use crate::track::drift::others::Others;
@@ -13,9 +13,6 @@ use crate::track::drift::watch::DriftWatch;
 use crate::track::observation::Observation;
 use crate::track::plausibility::{JUMP_S, Peer};
 use crate::track::relative::{NoRelative, Relative};
-
-/// Longest silence that ends a baseline with the records before it \[s\].
-const LONGEST_SILENCE_S: f64 = 3.0 * 365.25 * 86_400.0;
 
 /// Largest age of a temperature at the end of a record \[s\].
 const STALE_S: f64 = 3.0 * 3600.0;
@@ -113,17 +110,7 @@ impl Tracker {
             self.look_for_silence(time);
         }
         self.on_board(|board| board.clear(crate::track::alarm::Kind::NoData, time));
-        // A baseline with such a hole is none: the rod may have changed in it. Behind years the clock was wrong before, most likely.
-        let waiting = self.state.learning.len();
-        let has_hole = latest.is_some_and(|latest| time.seconds_since(latest) > JUMP_S) && waiting > 0;
-        let is_silence = latest.is_some_and(|latest| time.seconds_since(latest) < LONGEST_SILENCE_S);
-        let is_learned = has_hole && is_silence && waiting >= early::RECORDS && self.learn_baseline(waiting);
-        if has_hole && !is_learned {
-            self.state.segment.fault = None;
-            self.state.learning.clear();
-            self.end_early();
-            self.drop_suspicion(time);
-        }
+        let is_learned = latest.is_some_and(|latest| self.end_with_silence(latest, time));
         self.state.latest = Some(time);
         is_learned
     }
@@ -192,15 +179,13 @@ impl Tracker {
             Some(Err(NoRelative::OutsideRange)) => {
                 verdict.set_aside = Some(SetAside::OutsideRange);
                 let time = self.known_at(observation.start);
-                let baseline = self.state.segment.baseline.as_ref();
-                let loss = baseline.and_then(|baseline| Loss::bound(baseline, observation));
-                self.look_at_bound(loss, time);
+                let shown = self.look_at_range(observation, time);
                 self.look(Cause::OutsideRange, Some(true), time, || {
                     "the frequencies differ from the baseline's by more than the model was prepared for: the rod, its \
                      supports or the channel changed"
                         .to_owned()
                 });
-                loss.map(Shown::bound)
+                shown
             }
             Some(Err(NoRelative::NoCommonMode)) => {
                 let reason = "none of its modes is in the baseline";
@@ -271,135 +256,13 @@ impl Tracker {
         });
     }
 
-    /// Adds an observation to those that wait for the baseline, and learns it when there are enough and none
-    /// can come late any more. Returns the loss that the record shows by itself.
-    fn wait_for_baseline(&mut self, observation: &Observation) -> Option<Shown> {
-        let state = &mut self.state;
-        let at = state
-            .learning
-            .partition_point(|known| known.start <= observation.start);
-        // Its readings are kept apart.
-        let readings = Vec::new();
-        state.learning.insert(
-            at,
-            Observation {
-                modes: observation.modes.clone(),
-                readings,
-                ..*observation
-            },
-        );
-        let shown = self.watch_early(self.known_at(observation.start));
-        let state = &mut self.state;
-        let wanted = self.plan.track.baseline_records;
-        let Some(last) = wanted.checked_sub(1).and_then(|last| state.learning.get(last)) else {
-            return shown;
-        };
-        let window_s = self.plan.track.reorder_window_s;
-        if state
-            .latest
-            .is_none_or(|latest| latest.seconds_since(last.start) < window_s)
-        {
-            return shown;
-        }
-        if self.learn_baseline(wanted) { shown } else { None }
-    }
-
-    /// Learns the baseline from the first `wanted` records that wait for it, or from those before a change told of them; returns false if
-    /// they make none.
-    fn learn_baseline(&mut self, wanted: usize) -> bool {
-        let intact = self.intact_records(wanted);
-        let state = &mut self.state;
-        match self.plan.learn(&state.learning[..intact], state.segment.number) {
-            Ok((baseline, left_out)) => {
-                state.segment.fault = left_out.map(|fault| fault.to_string());
-                state.segment.reference_c = self
-                    .plan
-                    .track
-                    .reference_temperature_c
-                    .or_else(|| mean_temperature(state, wanted))
-                    .filter(|_| self.plan.compensates());
-                self.shift = Some(self.plan.shift(&baseline));
-                state.segment.baseline = Some(baseline);
-                let learned = std::mem::take(&mut state.learning);
-                let provisional = state.early.as_ref().map_or(0, |early| early.baseline.records);
-                self.end_early();
-                // Records after the change in the last period before it would make that a mixture.
-                let until = self.state.segment.baseline.as_ref().map(|baseline| baseline.last);
-                let period_s = self.plan.track.period_s;
-                let index = |time| period::index_of(time, period_s);
-                let is_mixed = |start: Timestamp| {
-                    intact < wanted && until.is_some_and(|last| start > last && index(start) == index(last))
-                };
-                for observation in learned.into_iter().filter(|one| !is_mixed(one.start)) {
-                    if let Some(Ok(relative)) = self.relative(&observation) {
-                        self.await_period(Pending::new(&observation, &relative));
-                    }
-                }
-                self.take_over_loss(provisional);
-                true
-            }
-            Err(fault) => {
-                state.segment.fault = Some(fault.to_string());
-                // The older half makes room; the next attempt comes when there are enough again.
-                let time = state.learning.last().map(|last| last.start);
-                state.learning.drain(..wanted.div_ceil(2));
-                state.before = None;
-                self.end_early();
-                if let Some(time) = time {
-                    self.drop_suspicion(self.known_at(time));
-                }
-                false
-            }
-        }
-    }
-
-    /// Checks a record whose clock is doubted for a loss, by what the rod's own data and the record's own temperature predict of its time. It
-    /// ends none.
-    fn look_at_doubted(&mut self, observation: &Observation) {
-        let (time, limit) = (self.known_at(observation.start), self.plan.alarm.limit_loss);
-        let relative = match self.relative(observation) {
-            Some(Ok(relative)) => relative,
-            Some(Err(NoRelative::OutsideRange)) => {
-                let baseline = self.state.segment.baseline.as_ref();
-                let loss = baseline.and_then(|baseline| Loss::bound(baseline, observation));
-                self.look_at_bound(loss, time);
-                return self.look_at_suspicion(loss.map(Shown::bound), time);
-            }
-            Some(Err(NoRelative::NoCommonMode)) | None => return,
-        };
-        let pending = Pending::new(observation, &relative);
-        let Some(watch) = self.state.watch.get() else {
-            return;
-        };
-        let Some(law) = watch.blind_law(pending.start.days(), pending.delta, pending.sd) else {
-            return;
-        };
-        // They teach the thermometer's memory nothing.
-        let mut thermometer = self.state.thermometer.clone();
-        let credible = |reading: &&Reading| thermometer.believes(reading);
-        let readings: Vec<Reading> = observation.readings.iter().filter(credible).copied().collect();
-        let filters = self.state.filters.advanced(&readings, pending.end);
-        let by_temperature = watch
-            .law_by_temperature(&pending, &filters)
-            .filter(|_| !readings.is_empty());
-        let known = by_temperature.map(|law| Loss::from_law(pending.delta, &law));
-        let measured = Loss::from_law(pending.delta, &law);
-        if judged(measured, known, limit).0 == Some(true) {
-            self.look_at_loss(pending.delta, Some(law), known, time);
-        }
-        let loss = known.unwrap_or(measured);
-        if loss.exceeds(limit) {
-            self.look_at_suspicion(Some(Shown::within(loss, pending.delta, &law, limit)), time);
-        }
-    }
-
-    fn await_period(&mut self, pending: Pending) {
+    pub(super) fn await_period(&mut self, pending: Pending) {
         let open = &mut self.state.open;
         let at = open.partition_point(|known| known.start <= pending.start);
         open.insert(at, pending);
     }
 
-    fn relative(&self, observation: &Observation) -> Option<Result<Relative, NoRelative>> {
+    pub(super) fn relative(&self, observation: &Observation) -> Option<Result<Relative, NoRelative>> {
         let segment = self.state.segment.number;
         let seed = self.plan.seed_of(b"relative", segment, Some(observation.start));
         Some(self.shift.as_ref()?.relative(observation, seed))
@@ -449,22 +312,4 @@ impl Tracker {
             |delta, misfit| shift.map_or(1.0, |shift| shift.not_axial_p(delta, misfit)),
         ))
     }
-}
-
-/// Mean temperature of the first `count` observations that wait for the baseline.
-pub(super) fn mean_temperature(state: &State, count: usize) -> Option<f64> {
-    let mut filters = state.filters.clone();
-    let mut readings = state.readings.iter().peekable();
-    let (mut sum, mut known) = (0.0, 0);
-    for observation in &state.learning[..count] {
-        let end = observation.start.plus_seconds(observation.duration_s);
-        while let Some(reading) = readings.next_if(|reading| reading.time <= end) {
-            filters.push(reading.time.days(), reading.celsius);
-        }
-        if let Some(filtered) = filters.at(end.days()) {
-            sum += filtered[0];
-            known += 1;
-        }
-    }
-    (known > 0).then(|| sum / f64::from(known))
 }

@@ -11,14 +11,15 @@
 
 use super::tracker::{LOSS_RECORDS, Tracker};
 use super::verdict::AtReference;
-use crate::signal::record::Timestamp;
+use crate::signal::record::{Reading, Timestamp};
 use crate::track::alarm::{Cause, Kind};
 use crate::track::baseline::Baseline;
 use crate::track::drift::Law;
 use crate::track::drift::others::Others;
-use crate::track::drift::period::Period;
+use crate::track::drift::period::{Pending, Period};
 use crate::track::drift::watch::DriftWatch;
 use crate::track::observation::Observation;
+use crate::track::relative::NoRelative;
 use serde::{Deserialize, Serialize};
 
 /// A loss is sudden and certain if it exceeds the limit by this factor, or by this much.
@@ -64,7 +65,7 @@ impl Shown {
     }
 
     /// Of a record beyond the prepared range.
-    pub fn bound(loss: Loss) -> Self {
+    fn bound(loss: Loss) -> Self {
         Self { loss, fall: None }
     }
 }
@@ -235,11 +236,57 @@ impl Tracker {
         Some(Loss { mean: -size, sd }).filter(|loss| loss.exceeds(self.plan.alarm.limit_loss))
     }
 
-    /// Checks the limit by the bound of a record beyond the prepared range. A bound below the limit does not end a loss.
-    pub(super) fn look_at_bound(&mut self, bound: Option<Loss>, time: Timestamp) {
-        let Some(loss) = bound else { return };
+    /// Checks the limit by a record beyond the prepared range; returns the loss that it shows.
+    pub(super) fn look_at_range(&mut self, observation: &Observation, time: Timestamp) -> Option<Shown> {
+        let bound = Loss::bound(self.state.segment.baseline.as_ref()?, observation);
+        self.look_at_bound(bound, time)
+    }
+
+    /// Checks a record whose clock is doubted for a loss, by what the rod's own data and the record's own temperature predict of its time. It
+    /// ends none.
+    pub(super) fn look_at_doubted(&mut self, observation: &Observation) {
+        let (time, limit) = (self.known_at(observation.start), self.plan.alarm.limit_loss);
+        let relative = match self.relative(observation) {
+            Some(Ok(relative)) => relative,
+            Some(Err(NoRelative::OutsideRange)) => {
+                let shown = self.look_at_range(observation, time);
+                return self.look_at_suspicion(shown, time);
+            }
+            Some(Err(NoRelative::NoCommonMode)) | None => return,
+        };
+        let pending = Pending::new(observation, &relative);
+        let Some(watch) = self.state.watch.get() else {
+            return;
+        };
+        let Some(law) = watch.blind_law(pending.start.days(), pending.delta, pending.sd) else {
+            return;
+        };
+        // They teach the thermometer's memory nothing.
+        let mut thermometer = self.state.thermometer.clone();
+        let credible = |reading: &&Reading| thermometer.believes(reading);
+        let readings: Vec<Reading> = observation.readings.iter().filter(credible).copied().collect();
+        let filters = self.state.filters.advanced(&readings, pending.end);
+        let by_temperature = watch
+            .law_by_temperature(&pending, &filters)
+            .filter(|_| !readings.is_empty());
+        let known = by_temperature.map(|law| Loss::from_law(pending.delta, &law));
+        let measured = Loss::from_law(pending.delta, &law);
+        if judged(measured, known, limit).0 == Some(true) {
+            self.look_at_loss(pending.delta, Some(law), known, time);
+        }
+        let loss = known.unwrap_or(measured);
+        if loss.exceeds(limit) {
+            self.look_at_suspicion(Some(Shown::within(loss, pending.delta, &law, limit)), time);
+        }
+    }
+
+    /// Checks the limit by the bound of a record beyond the prepared range, which is the loss that it shows. A bound below the limit does not
+    /// end a loss.
+    pub(super) fn look_at_bound(&mut self, bound: Option<Loss>, time: Timestamp) -> Option<Shown> {
+        let loss = bound?;
         let holds = loss.exceeds(self.plan.alarm.limit_loss).then_some(true);
         self.find_loss(holds, loss, time);
+        Some(Shown::bound(loss))
     }
 
     /// Checks a record that by itself shows a loss beyond the limit: one may be wild, so that nothing is decided by it, but nobody should

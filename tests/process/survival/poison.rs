@@ -111,16 +111,21 @@ fn first_record(made: &BTreeMap<String, String>, rod: &str) -> String {
     format!("record {identity} of rod {rod}")
 }
 
-/// Stops the process in which the daemon tries a step, as soon as there is one.
+/// Stops the process in which the daemon tries a step, as soon as it runs the program: one stopped before would hold the daemon, which
+/// waits for it to begin.
 fn stopped_trial(daemon: &mut Process) -> u32 {
     let tasks = format!("/proc/{}/task", daemon.pid());
+    let is_trial = |pid: &u32| {
+        let arguments = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+        arguments.split(|byte| *byte == 0).nth(1) == Some(b"trial".as_slice())
+    };
     let mut child = None;
     daemon.wait_until("a step is tried", |_| {
         let children = fs::read_dir(&tasks).into_iter().flatten().filter_map(|task| {
             let children = fs::read_to_string(task.ok()?.path().join("children")).ok()?;
             children.split_whitespace().next()?.parse::<u32>().ok()
         });
-        child = child.or(children.last());
+        child = child.or(children.filter(is_trial).last());
         child.is_some()
     });
     let child = child.unwrap();

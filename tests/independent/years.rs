@@ -1,7 +1,7 @@
 //! Years of monitored rods of a generator that shares no code with `synthesis/` (`tests/years`, Python): the generator against closed
 //! forms, and a few of its sites through `tirante track`.
 //!
-//! The campaign behind `docs/alarms.md`:
+//! The campaign behind `docs/years.md`:
 //! `python3 tests/years/judge.py --sites 60 --program target/release/tirante`
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 

@@ -40,7 +40,8 @@ impl Kind {
     ];
 
     /// Smallest and largest size, and the scale of its distribution: Student's t with three degrees of freedom about none,
-    /// cut to that range, so that half of the changes are below 0.76 scales and 1 in 75 is beyond five. A section only loses.
+    /// cut to that range, so that half of the changes are below 0.76 scales and 1 in 75 is beyond five. A section only loses. Half of
+    /// the changes of force are [smaller](Self::creep).
     pub(super) fn sizes(self) -> (f64, f64, f64) {
         match self {
             Self::Force => (-1.6, 0.6, 0.05),
@@ -50,6 +51,20 @@ impl Kind {
             Self::Section => (-0.3, 0.0, 0.01),
             Self::Other => (0.0, 0.0, 0.0),
         }
+    }
+
+    /// Scale of the small half of the changes of a kind that also creeps: walls and timber give way by tenths of a per cent of a rod's
+    /// force, and no mass, modulus or section goes by so little.
+    pub(super) fn creep(self) -> Option<f64> {
+        (self == Self::Force).then_some(0.005)
+    }
+
+    /// Probability of a size up to `x` before its range is cut.
+    pub(super) fn probability_below(self, x: f64) -> f64 {
+        let (_, _, scale) = self.sizes();
+        let large = probability_below(x, scale);
+        let both = |small: f64| 0.5 * (large + probability_below(x, small));
+        self.creep().map_or(large, both)
     }
 
     /// Name of the changed quantity, for people.
@@ -71,9 +86,8 @@ impl Kind {
     }
 }
 
-/// Probability of a size up to `x` before its range is cut: Student's t with three degrees of freedom,
-/// F(t) = 1/2 + (atan(s) + s / (1 + s^2)) / pi, s = t / sqrt 3.
-pub(super) fn probability_below(x: f64, scale: f64) -> f64 {
+/// Student's t with three degrees of freedom: F(t) = 1/2 + (atan(s) + s / (1 + s^2)) / pi, s = t / sqrt 3.
+fn probability_below(x: f64, scale: f64) -> f64 {
     let s = x / scale / 3f64.sqrt();
     0.5 + (libm::atan(s) + s / (1.0 + s * s)) / std::f64::consts::PI
 }

@@ -36,9 +36,10 @@ pub struct MeanShift {
 impl Alternatives {
     /// The mean over records since an onset, each mode weighted by its stated errors. `expected_sd`: standard error of the mean
     /// of `expected`, the force's own autocorrelated fluctuation included; it moves all modes as a change of force does. The part
-    /// explained by temperature has the errors of the model's response: the spread of its particles and its own error. The
-    /// stated errors grow by the scatter of the records about their means and about a common change of force, shared by all
-    /// modes. A mode that the baseline or more than half of the records do not have is left out. `None` if that leaves none.
+    /// explained by temperature is a share of the force that the same responses made of the modes: their errors (the spread of the
+    /// particles and the model's own) make a pattern of it, and no force. The stated errors grow by the scatter of the records about
+    /// their means and about a common change of force, shared by all modes. A mode that the baseline or more than half of the records
+    /// do not have is left out. `None` if that leaves none.
     pub fn mean_shift(
         &self,
         baseline: &Baseline,
@@ -109,6 +110,12 @@ impl Alternatives {
         let expected = records.iter().map(|record| record.expected).sum::<f64>() / records.len() as f64;
         let answer = self.error_of_force(expected);
         let answer = DMatrix::from_fn(count, count, |a, b| answer[(orders[a] - 1, orders[b] - 1)]);
+        // A pattern is what the least squares for the force leave.
+        let slope = DVector::from_fn(count, |n, _| slopes[orders[n] - 1]);
+        let weighted = DVector::from_fn(count, |n, _| weights[n] * slope[n]);
+        let information = weighted.dot(&slope).max(f64::MIN_POSITIVE);
+        let pattern = DMatrix::identity(count, count) - slope * weighted.transpose() / information;
+        let answer = &pattern * answer * pattern.transpose();
         Some(MeanShift {
             falling: diagonal(&|n| dispersion / weights[n]),
             fixed: diagonal(&|n| errors[n] * errors[n]) + common + answer,

@@ -1,6 +1,6 @@
 //! Responses of every particle's frequencies to changes of every kind and size.
 
-use super::kind::{Kind, probability_below};
+use super::Kind;
 use crate::rod::beam::Quantity;
 use crate::rod::beam::forward::{ForwardModel, MAX_MODES};
 use nalgebra::{DMatrix, DVector};
@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 /// Most particles kept, evenly from those of the baseline.
 const PARTICLES: usize = 192;
 
-/// Spacing of the nodes in asinh(x / unit), with the unit a share of the scale of sizes: dense where changes are small.
+/// Spacing of the nodes in asinh(x / unit), with the unit a share of the smallest scale of sizes: dense where changes are small.
 const SPACING: f64 = 0.3;
 const UNIT: f64 = 0.4;
 
@@ -177,8 +177,8 @@ impl Curve {
     }
 
     fn new((kind, nodes, answers): (Kind, Vec<f64>, Vec<Modes>), modes: usize) -> Self {
-        let (low, high, scale) = kind.sizes();
-        let below = |x: f64| probability_below(x, scale);
+        let (low, high, _) = kind.sizes();
+        let below = |x: f64| kind.probability_below(x);
         let whole = below(high) - below(low);
         let mass = nodes
             .windows(2)
@@ -209,7 +209,7 @@ impl Curve {
 /// Sizes at which responses are computed: both ends, zero, and evenly in asinh(x / unit) between.
 fn nodes(kind: Kind) -> Vec<f64> {
     let (low, high, scale) = kind.sizes();
-    let unit = UNIT * scale;
+    let unit = UNIT * kind.creep().unwrap_or(scale);
     let side = |end: f64| {
         let reach = libm::asinh(end.abs() / unit);
         let steps = (reach / SPACING).ceil().max(0.0);

@@ -42,10 +42,9 @@ fn cleared(verdicts: &[Verdict], kind: Kind) -> Option<usize> {
 fn a_loss_behind_a_dead_thermometer_stays_a_limit_until_the_ratio_is_back() {
     let scenario = restrained(180, 0.5).step(105.5, -0.4);
     let (_, verdicts) = scenario.follow(&dark(&scenario, 301, 100));
-    // The second record.
     assert_eq!(
         first(&verdicts, Kind::Limit),
-        Some(107),
+        Some(106),
         "{:?}",
         raised(&verdicts)
     );
@@ -59,7 +58,7 @@ fn a_loss_behind_a_dead_thermometer_stays_a_limit_until_the_ratio_is_back() {
     // The rod was tightened again: the shares are of the force it had.
     let back = restrained(180, 0.5).step(105.5, -0.4).step(140.5, 0.4);
     let (_, verdicts) = back.follow(&dark(&back, 301, 100));
-    assert_eq!(first(&verdicts, Kind::Limit), Some(107));
+    assert_eq!(first(&verdicts, Kind::Limit), Some(106));
     assert!(
         matches!(cleared(&verdicts, Kind::Limit), Some(142..=146)),
         "{:?}",
@@ -93,13 +92,13 @@ fn a_thermometer_that_reads_too_low_is_no_sudden_loss() {
 }
 
 #[test]
-fn a_loss_while_the_baseline_is_learned_is_told_with_its_second_record() {
-    for (loss, kind) in [(-0.6, Kind::Limit), (-0.1, Kind::Drift)] {
+fn a_loss_while_the_baseline_is_learned_is_told_with_its_first_or_second_record() {
+    for (loss, kind, record) in [(-0.6, Kind::Limit, 25), (-0.1, Kind::Drift, 26)] {
         let scenario = Scenario::new(40).step(24.5, loss);
         let (_, verdicts) = scenario.follow(&scenario.observations(303));
         assert_eq!(
             first(&verdicts, kind),
-            Some(26),
+            Some(record),
             "{loss}: {:?}",
             raised(&verdicts)
         );
@@ -124,8 +123,12 @@ fn a_baseline_ends_with_a_loss_that_was_told_while_it_was_learned() {
         let intact = start_d.ceil() as usize;
         let times = |kind: Kind| all.iter().filter(|(_, raised)| *raised == kind).count();
         // A fifth is not more than any weather does to a rod that is not known yet: it is told as a drift.
-        let first_told = if loss > 0.3 { Kind::Limit } else { Kind::Drift };
-        assert_eq!(first(&verdicts, first_told), Some(intact + 1), "{case}");
+        let (first_told, later) = if loss > 0.3 {
+            (Kind::Limit, 0)
+        } else {
+            (Kind::Drift, 1)
+        };
+        assert_eq!(first(&verdicts, first_told), Some(intact + later), "{case}");
         assert_eq!(
             (times(Kind::Limit), times(Kind::Drift).min(1)),
             (1, times(Kind::Drift)),
@@ -184,6 +187,46 @@ fn a_loss_is_suspected_with_its_first_record_and_the_next_one_decides() {
         // A rod to which nothing happens.
         let (_, verdicts) = calm.follow(&quiet);
         assert_eq!(raised(&verdicts), []);
+    }
+}
+
+/// A loss that three modes agree on needs no second record; one that two show, or that the modes do not agree on, does.
+#[test]
+fn one_record_decides_a_large_loss_that_its_modes_agree_on() {
+    let modes_of = |kept: usize| {
+        move |mut record: Observation| {
+            record.modes.truncate(kept);
+            record
+        }
+    };
+    // Within the prepared range and beyond it, while the baseline is learned and long after.
+    for (days, record, loss) in [(40, 25, 0.4), (40, 25, 0.7), (130, 121, 0.4), (130, 121, 0.7)] {
+        let lost = Scenario::new(days).step(record as f64 - 0.5, -loss);
+        for (modes, later) in [(3, 0), (2, 1)] {
+            let records: Vec<Observation> = (lost.observations(304).into_iter())
+                .map(modes_of(modes))
+                .collect();
+            let (_, verdicts) = lost.follow(&records);
+            let case = format!("{loss} at {record}, {modes} modes: {:?}", raised(&verdicts));
+            assert_eq!(first(&verdicts, Kind::Limit), Some(record + later), "{case}");
+            let suspected = (later > 0).then_some(record);
+            assert_eq!(first(&verdicts, Kind::Suspected), suspected, "{case}");
+        }
+        // One wild record: all modes fell, each by another share of force.
+        let calm = Scenario::new(days);
+        let mut wild: Vec<Observation> = calm.observations(304).into_iter().map(modes_of(3)).collect();
+        let shares: [f64; 3] = if loss > 0.5 {
+            [0.35, 0.5, 0.42]
+        } else {
+            [0.8, 0.55, 0.7]
+        };
+        for (mode, share) in wild[record].modes.iter_mut().zip(shares) {
+            mode.log_frequency += 0.5 * share.ln();
+        }
+        let (_, verdicts) = calm.follow(&wild);
+        let case = format!("{loss} at {record}, wild: {:?}", raised(&verdicts));
+        assert_eq!(first(&verdicts, Kind::Limit), None, "{case}");
+        assert_eq!(first(&verdicts, Kind::Suspected), Some(record), "{case}");
     }
 }
 

@@ -7,8 +7,16 @@ use tirante::analysis::track::{Kind, Observation, SetAside, What};
 /// Without a thermometer a season explains as much as the loss to a rod that is alone; the others tell it, and tell nothing of their own.
 #[test]
 fn a_loss_in_a_silence_without_a_thermometer_is_a_limit_beside_the_others() {
-    for seed in 601..604 {
-        let (from, to) = (100.0, 170.0);
+    // After more than 90 days the clock is doubted as well.
+    for (seed, from) in [
+        (601, 100.0),
+        (602, 100.0),
+        (603, 100.0),
+        (601, 60.0),
+        (602, 60.0),
+        (603, 60.0),
+    ] {
+        let to = 170.0;
         let rods = Rods::new(3, 180, seed, &[(140.0, -0.4)], 0.0);
         let verdicts = rods.follow(|day, mut record| {
             record.readings.clear();
@@ -21,10 +29,14 @@ fn a_loss_in_a_silence_without_a_thermometer_is_a_limit_beside_the_others() {
         let told: Vec<_> = after
             .map(|(day, rod, event)| (day as u32, rod.as_str(), event.alarm.kind))
             .collect();
-        // The second record.
-        assert!(told.contains(&(171, "a", Kind::Limit)), "{seed}: {told:?}");
+        // The first record, or the second: the others have shown themselves by then.
+        let limit = |day: u32| told.contains(&(day, "a", Kind::Limit));
+        assert!(limit(170) || limit(171), "{seed}, {from}: {told:?}");
         let others = |kind: Kind| told.iter().any(|(_, rod, known)| *rod != "a" && *known == kind);
-        assert!(!others(Kind::Limit) && !others(Kind::Drift), "{seed}: {told:?}");
+        assert!(
+            !others(Kind::Limit) && !others(Kind::Drift),
+            "{seed}, {from}: {told:?}"
+        );
     }
 }
 
@@ -59,12 +71,7 @@ fn a_loss_shows_in_records_whose_clock_is_doubted() {
     let (_, verdicts) = scenario.follow(&observations);
     assert_eq!(verdicts[101].set_aside, Some(SetAside::Clock));
     assert!(
-        raised(&verdicts).contains(&(100, Kind::Suspected)),
-        "{:?}",
-        raised(&verdicts)
-    );
-    assert!(
-        raised(&verdicts).contains(&(101, Kind::Limit)),
+        raised(&verdicts).contains(&(100, Kind::Limit)),
         "{:?}",
         raised(&verdicts)
     );

@@ -68,6 +68,15 @@ pub(super) fn is_far_ahead(time: Timestamp, latest: Timestamp) -> bool {
     time.seconds_since(latest) > JUMP_S
 }
 
+/// True if a record has the frequencies that another rod's channel showed last, as far as weather moves them.
+pub(super) fn shows_another(observation: &Observation, peers: &[Peer]) -> bool {
+    peers.iter().filter_map(|peer| peer.shown.back()).any(|theirs| {
+        let hours = observation.start.seconds_since(theirs.time).abs() / 3600.0;
+        exchange::unlikeness(&observation.modes, &theirs.modes, hours)
+            .is_some_and(|unlikeness| unlikeness <= 1.0)
+    })
+}
+
 /// Memory for judging the next record.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Plausibility {
@@ -107,7 +116,7 @@ impl Plausibility {
         patience: usize,
     ) -> Option<Doubt> {
         if let Some(time) = latest
-            && self.is_ahead(observation.start, time, patience)
+            && self.is_ahead(observation.start, time, patience, peers)
         {
             return Some(Doubt::Clock);
         }
@@ -257,6 +266,7 @@ impl Plausibility {
         Peer {
             rod: rod.clone(),
             shown: self.shown.clone(),
+            ahead: self.ahead,
             swap: self.exchange.clone(),
         }
     }
@@ -294,16 +304,33 @@ impl Plausibility {
         self.exchange.is_some()
     }
 
-    fn is_ahead(&mut self, start: Timestamp, latest: Timestamp, patience: usize) -> bool {
+    /// True while a time far ahead is doubted: until another rod's records are believed as far, or more than `patience` records in a row
+    /// agree on it, of the site's rods together if half of `patience` are its own.
+    fn is_ahead(&mut self, start: Timestamp, latest: Timestamp, patience: usize, peers: &[Peer]) -> bool {
         if !is_far_ahead(start, latest) {
             self.ahead = None;
             return false;
         }
+        let is_near = |time: Timestamp| start.seconds_since(time).abs() <= COMPARED_S;
+        let is_there = peers
+            .iter()
+            .filter_map(|peer| peer.shown.back())
+            .any(|last| is_near(last.time));
+        let theirs = peers
+            .iter()
+            .filter_map(|peer| peer.ahead)
+            .filter(|(last, _)| is_near(*last));
+        let others: usize = theirs.map(|(_, count)| count).sum();
         let count = match self.ahead {
             Some((last, count)) if (0.0..=JUMP_S).contains(&start.seconds_since(last)) => count + 1,
             _ => 1,
         };
-        let doubted = count <= patience;
+        let agreeing = if 2 * count > patience {
+            count + others
+        } else {
+            count
+        };
+        let doubted = !is_there && agreeing <= patience;
         self.ahead = doubted.then_some((start, count));
         if !doubted {
             self.before_jump = Some(latest);
@@ -394,6 +421,47 @@ mod tests {
             plausibility.doubt(&at(60.0, OWN, 1e-4), &rod, latest, &[], 3),
             None
         );
+    }
+
+    #[test]
+    fn a_jump_that_other_rods_made_is_believed_sooner() {
+        let far = |day: f64| at(27_000.0 + day, OWN, 1e-4);
+        let doubt = |mine: &mut Plausibility, last: &Observation, day: f64, peers: &[Peer]| {
+            mine.doubt(&far(day), &RodId("a".into()), Some(last.start), peers, 5)
+        };
+        let peer = |of: &Plausibility| of.as_peer(&RodId("b".into()));
+        // Another rod's clock has been believed there.
+        let (mut mine, last) = learned();
+        let mut there = Plausibility::default();
+        assert_eq!(there.doubt(&far(-1.0), &RodId("b".into()), None, &[], 5), None);
+        assert_eq!(doubt(&mut mine, &last, 0.0, &[peer(&there)]), None);
+        // Another rod that comes back at the same time: six records of both, three at least of each.
+        let (mut mine, last) = learned();
+        let (mut other, _) = learned();
+        for day in [0.0, 1.0, 2.0] {
+            let peers = [peer(&other)];
+            assert_eq!(doubt(&mut mine, &last, day, &peers), Some(Doubt::Clock), "{day}");
+            let peers = [peer(&mine)];
+            let believed = (day < 2.0).then_some(Doubt::Clock);
+            assert_eq!(doubt(&mut other, &last, day, &peers), believed, "{day}");
+        }
+        // A file of many channels with a wrong date.
+        let (mut mine, last) = learned();
+        let others = std::array::from_fn::<_, 10, _>(|_| {
+            let (mut other, last) = learned();
+            assert_eq!(doubt(&mut other, &last, 0.0, &[]), Some(Doubt::Clock));
+            peer(&other)
+        });
+        assert_eq!(doubt(&mut mine, &last, 0.0, &others), Some(Doubt::Clock));
+    }
+
+    #[test]
+    fn the_frequencies_of_another_rod_are_known_again() {
+        let (other, _) = learned();
+        let peers = [other.as_peer(&RodId("b".into()))];
+        assert!(shows_another(&at(10.0, OWN, 1e-4), &peers));
+        assert!(!shows_another(&at(10.0, OWN.map(|f| 0.7 * f), 1e-4), &peers));
+        assert!(!shows_another(&at(10.0, OWN, 1e-4), &[]));
     }
 
     /// Rods of a site under one weather: frequencies of tensioned beams, errors as stated.

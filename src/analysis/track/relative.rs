@@ -173,6 +173,12 @@ impl Shift {
         Some(self.modes[mode].log_frequency + mean_and_slope(&self.means[mode], u).0)
     }
 
+    /// d ln f / d ln N of a mode of the baseline, by the particles' mean.
+    pub(super) fn slope(&self, order: usize) -> Option<f64> {
+        let mode = self.modes.iter().position(|mode| mode.order == order)?;
+        Some(mean_and_slope(&self.means[mode], 0.0).1)
+    }
+
     /// Standard deviation of N_t / N_0 that the particles' different slopes leave, however many records show that it went from 1 +
     /// `before` to 1 + `now`: the least width of a change's interval. What moved the force to where it was is learned in the same
     /// units and makes no error.

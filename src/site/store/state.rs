@@ -129,6 +129,7 @@ impl Kept {
             early,
             scatter,
             before,
+            doubted,
             closed,
             alarms,
             watches,

@@ -219,6 +219,7 @@ pub fn state(rod: &RodId, number: i64) -> State {
         watch: tirante::analysis::track::fold::packed::Packed::default(),
         scatter: Default::default(),
         before: None,
+        doubted: None,
         early: None,
         closed: Some(number.div_euclid(24)),
         periods: Vec::new(),

@@ -1,6 +1,7 @@
 //! The other rods of a site, as input of one rod's drift watch.
 
 use super::companions::{InPeriod, PATIENCE};
+use crate::signal::record::Timestamp;
 use std::fmt::Debug;
 
 /// R above which another rod counts as moving, too. With 50, no drift was raised for any of 50 rods beside a
@@ -66,6 +67,9 @@ pub trait Neighbour: Debug + Sync {
     /// temperature.
     fn latest_deviations(&self, since: f64) -> [Option<(f64, f64)>; 2];
 
+    /// Time of its latest record that is in no closed period, of a doubted clock, too, and N_t / N_0 - 1.
+    fn latest_record(&self) -> Option<(Timestamp, f64)>;
+
     /// Number of the last period that ended; `None` before the first.
     fn last_period(&self) -> Option<i64>;
 
@@ -112,6 +116,11 @@ impl<'a> Others<'a> {
     /// Collects these rods.
     pub fn new<N: Neighbour + 'a>(rods: impl IntoIterator<Item = &'a N>) -> Self {
         Self(rods.into_iter().map(|rod| rod as &dyn Neighbour).collect())
+    }
+
+    /// The other rods.
+    pub(crate) fn rods(&self) -> impl Iterator<Item = &dyn Neighbour> {
+        self.0.iter().copied()
     }
 
     /// Number of other rods.

@@ -6,6 +6,7 @@ use super::period::{Period, start_of};
 use super::watch::{DriftWatch, Finding, Terms, Witness};
 use super::{Filters, ThermalPrior};
 use crate::numerics::random;
+use crate::signal::record::Timestamp;
 use rand_distr::{Distribution, StandardNormal};
 use std::collections::BTreeMap;
 
@@ -46,6 +47,9 @@ impl Neighbour for Rod {
     }
     fn latest_deviations(&self, _: f64) -> [Option<(f64, f64)>; 2] {
         [self.off, None]
+    }
+    fn latest_record(&self) -> Option<(Timestamp, f64)> {
+        None
     }
     fn last_period(&self) -> Option<i64> {
         self.last

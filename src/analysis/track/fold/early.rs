@@ -7,7 +7,7 @@
 
 use super::change::change_told;
 use super::learning::mean_temperature;
-use super::loss::{Loss, Shown, judged};
+use super::loss::{Bound, Fall, Loss, Shown, judged};
 use super::monitor::is_suspect;
 use super::packed::Packed;
 use super::plan::TrackPlan;
@@ -61,15 +61,14 @@ type Found = (Change, Witness);
 enum Taken {
     /// Within the prepared range.
     Within {
-        /// N_t / N_0 - 1.
-        ratio: f64,
+        fall: Fall,
         /// Law by which the records before predicted it by themselves.
         alone: Law,
         /// Its loss by its temperature.
         by_temperature: Option<Loss>,
     },
     /// Beyond the prepared range, with the bound of its loss.
-    Beyond(Option<Loss>),
+    Beyond(Option<Bound>),
     /// Without a mode of the baseline.
     Without,
 }
@@ -102,7 +101,7 @@ impl EarlyWatch {
         let relative = match shift.relative(observation, seed) {
             Ok(relative) => relative,
             Err(NoRelative::OutsideRange) => {
-                return (Taken::Beyond(Loss::bound(&self.baseline, observation)), None);
+                return (Taken::Beyond(Bound::of(&self.baseline, shift, observation)), None);
             }
             Err(NoRelative::NoCommonMode) => return (Taken::Without, None),
         };
@@ -135,7 +134,7 @@ impl EarlyWatch {
             .or_else(|| self.loss_by_prior(plan, shift, observation, &relative, readings));
         self.open.push(Pending::new(observation, &relative));
         let taken = Taken::Within {
-            ratio,
+            fall: Fall::from(&relative),
             alone,
             by_temperature,
         };
@@ -271,16 +270,16 @@ impl Tracker {
         self.state.early = Some(early);
         let shown = match last {
             Some(Taken::Within {
-                ratio,
+                fall,
                 alone,
                 by_temperature,
             }) => {
                 // A loss that lasts is learned as an effect of temperature, or as the level.
                 let is_led = is_misled || self.state.watches.stands(Cause::Loss);
                 let by_temperature = by_temperature.filter(|_| !is_led);
-                self.look_at_loss(ratio, Some(alone), by_temperature, time);
-                let loss = by_temperature.unwrap_or_else(|| Loss::from_law(ratio, &alone));
-                Some(Shown::within(loss, ratio, &alone, self.plan.alarm.limit_loss))
+                self.look_at_loss(fall, Some(alone), by_temperature, time);
+                let loss = by_temperature.unwrap_or_else(|| Loss::from_law(fall.ratio, &alone));
+                Some(Shown::within(loss, fall, &alone, self.plan.alarm.limit_loss))
             }
             Some(Taken::Beyond(bound)) => self.look_at_bound(bound, time),
             Some(Taken::Without) | None => None,
@@ -311,11 +310,11 @@ impl Tracker {
             learning[before..].iter().any(|record| {
                 match early.clone().take(&self.plan, &shift, record, readings).0 {
                     Taken::Within {
-                        ratio,
+                        fall,
                         alone,
                         by_temperature,
-                    } => judged(Loss::from_law(ratio, &alone), by_temperature, limit).0 == Some(true),
-                    Taken::Beyond(bound) => bound.is_some_and(|loss| loss.exceeds(limit)),
+                    } => judged(Loss::from_law(fall.ratio, &alone), by_temperature, limit).0 == Some(true),
+                    Taken::Beyond(bound) => bound.is_some_and(|bound| bound.loss.exceeds(limit)),
                     Taken::Without => false,
                 }
             })
@@ -337,8 +336,12 @@ impl Tracker {
         let told = (state.alarms.iter()).filter(|alarm| alarm.cleared.is_none() && alarm.raised >= first);
         let counts = told.filter_map(|alarm| match (alarm.kind, &alarm.change) {
             (Kind::Drift, Some(change)) => Some(before(change.onset_q025)),
-            // The second record of the loss raised it.
-            (Kind::Limit, _) => Some(before(alarm.raised).saturating_sub(1)),
+            // Beyond the prepared range, the second record of the loss may have raised it.
+            (Kind::Limit, _) => Some(
+                state
+                    .before
+                    .map_or(before(alarm.raised).saturating_sub(1), |law| before(law.since)),
+            ),
             _ => None,
         });
         // A provisional baseline of fewer than five records ends where the loss begins.

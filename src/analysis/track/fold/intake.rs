@@ -1,6 +1,6 @@
 //! Intake of one identified record: doubted, set aside, kept for the baseline, or added to its period.
 
-use super::loss::{Loss, Shown};
+use super::loss::{Fall, Loss, Shown};
 use super::state::Opening;
 use super::tracker::Tracker;
 use super::verdict::{SetAside, Verdict};
@@ -11,7 +11,7 @@ use crate::track::drift::others::Others;
 use crate::track::drift::period::{self, Pending, Period};
 use crate::track::drift::watch::DriftWatch;
 use crate::track::observation::Observation;
-use crate::track::plausibility::{JUMP_S, Peer};
+use crate::track::plausibility::{self, JUMP_S, Peer};
 use crate::track::relative::{NoRelative, Relative};
 
 /// Largest age of a temperature at the end of a record \[s\].
@@ -27,6 +27,7 @@ impl Tracker {
         verdict: &mut Verdict,
     ) {
         let patience = self.plan.alarm.sensor_records;
+        self.shows_another = plausibility::shows_another(observation, peers);
         let state = &mut self.state;
         let (rod, latest) = (&state.rod, state.latest);
         let is_repeated = state.plausibility.is_doubted_at(observation.start);
@@ -43,7 +44,7 @@ impl Tracker {
             if aside == SetAside::Clock {
                 // A loss shows whatever the clock says, and may have come with the silence.
                 if !is_repeated && !self.state.plausibility.is_exchanged() {
-                    self.look_at_doubted(observation);
+                    self.look_at_doubted(observation, others);
                 }
             } else {
                 self.keep_readings(&observation.readings);
@@ -77,7 +78,7 @@ impl Tracker {
             self.usable(observation);
             self.wait_for_baseline(observation)
         } else {
-            self.take_relative(observation, verdict)
+            self.take_relative(observation, others, verdict)
         };
         verdict.closed.extend(self.close_periods(others));
         let time = self.known_at(observation.start);
@@ -101,6 +102,7 @@ impl Tracker {
     fn believe(&mut self, observation: &Observation) -> bool {
         let time = observation.start;
         self.state.plausibility.believe(observation);
+        self.state.doubted = None;
         let latest = self.state.latest;
         if latest.is_some_and(|latest| time < latest) {
             return false;
@@ -137,7 +139,12 @@ impl Tracker {
     }
 
     /// Compares a record with the baseline; returns the loss that it shows by itself.
-    fn take_relative(&mut self, observation: &Observation, verdict: &mut Verdict) -> Option<Shown> {
+    fn take_relative(
+        &mut self,
+        observation: &Observation,
+        others: &Others,
+        verdict: &mut Verdict,
+    ) -> Option<Shown> {
         match self.relative(observation) {
             Some(Ok(relative)) => {
                 verdict.at_reference = reference::of_record(self, observation, &relative);
@@ -157,6 +164,7 @@ impl Tracker {
                 let time = self.known_at(observation.start);
                 let at_reference = verdict.at_reference.as_ref();
                 let pending = Pending::new(observation, &relative);
+                let fall = Fall::from(&relative);
                 let shown = law.as_ref().map(|law| {
                     let known = || at_reference.map(Loss::at_reference);
                     let predicted = || {
@@ -168,9 +176,11 @@ impl Tracker {
                     let loss = known()
                         .or_else(predicted)
                         .unwrap_or_else(|| Loss::from_law(ratio, law));
-                    Shown::within(loss, ratio, law, self.plan.alarm.limit_loss)
+                    Shown::within(loss, fall, law, self.plan.alarm.limit_loss)
                 });
-                self.look_at_loss(ratio, law, at_reference.map(Loss::at_reference), time);
+                if !self.look_beside_others(&pending, fall, others, time) {
+                    self.look_at_loss(fall, law, at_reference.map(Loss::at_reference), time);
+                }
                 self.await_period(pending);
                 verdict.relative = Some(relative);
                 self.usable(observation);

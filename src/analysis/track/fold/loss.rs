@@ -11,15 +11,13 @@
 
 use super::tracker::{LOSS_RECORDS, Tracker};
 use super::verdict::AtReference;
-use crate::signal::record::{Reading, Timestamp};
+use crate::signal::record::Timestamp;
 use crate::track::alarm::{Cause, Kind};
 use crate::track::baseline::Baseline;
 use crate::track::drift::Law;
-use crate::track::drift::others::Others;
-use crate::track::drift::period::{Pending, Period};
 use crate::track::drift::watch::DriftWatch;
 use crate::track::observation::Observation;
-use crate::track::relative::NoRelative;
+use crate::track::relative::{Relative, Shift};
 use serde::{Deserialize, Serialize};
 
 /// A loss is sudden and certain if it exceeds the limit by this factor, or by this much.
@@ -33,6 +31,17 @@ const CERTAIN_SD: f64 = 4.0;
 /// before, a loss is over.
 const FALLEN_SD: f64 = 2.0;
 
+/// Least loss, less [`FALLEN_SD`] standard deviations, that one record decides if its modes agree on it: no weather, no thermometer and no
+/// peak beside the mode's makes it.
+const DECIDES_ALONE: f64 = 0.2;
+
+/// Fewest modes that agree on the loss of one record, and their least P(misfit | the change is axial).
+const AGREEING_MODES: usize = 3;
+const AGREEING_P: f64 = 0.01;
+
+/// Largest distance between the shares of force that the modes of a record beyond the prepared range leave, if they agree.
+const AGREEING_SHARE: f64 = 0.05;
+
 /// Longest time between two records of which the second confirms the first \[s\].
 const CONFIRMS_S: f64 = 10.0 * 86_400.0;
 
@@ -45,6 +54,24 @@ pub(crate) struct Loss {
     pub sd: f64,
 }
 
+/// Ratio that one record shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Fall {
+    /// N_t / N_0 - 1.
+    pub ratio: f64,
+    /// True if three modes or more agree that the change is one of force.
+    pub is_agreed: bool,
+}
+
+impl From<&Relative> for Fall {
+    fn from(relative: &Relative) -> Self {
+        Self {
+            ratio: relative.ratio.mean - 1.0,
+            is_agreed: relative.freedom + 1 >= AGREEING_MODES && relative.not_axial_p >= AGREEING_P,
+        }
+    }
+}
+
 /// Loss that one record shows by itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Shown {
@@ -55,9 +82,9 @@ pub(crate) struct Shown {
 }
 
 impl Shown {
-    /// Of a record of this ratio, N_t / N_0 - 1, that the rod's own records predicted by a law.
-    pub fn within(loss: Loss, ratio: f64, law: &Law, limit: f64) -> Self {
-        let fall = Loss::from_law(ratio, law).mean > limit;
+    /// Of a record that the rod's own records predicted by a law.
+    pub fn within(loss: Loss, fall: Fall, law: &Law, limit: f64) -> Self {
+        let fall = Loss::from_law(fall.ratio, law).mean > limit;
         Self {
             loss,
             fall: Some(fall),
@@ -78,7 +105,7 @@ pub struct Before {
     /// Standard deviation of a record.
     sd: f64,
     /// Time of that record.
-    since: Timestamp,
+    pub(super) since: Timestamp,
 }
 
 impl Before {
@@ -123,19 +150,53 @@ impl Loss {
         }
     }
 
-    /// Loss of a record beyond the prepared range, from the mode that fell least; `None` unless all fell.
-    pub fn bound(baseline: &Baseline, observation: &Observation) -> Option<Self> {
-        let falls = baseline.modes.iter().filter_map(|known| {
-            let mode = observation.mode(known.order)?;
-            Some((
-                mode.log_frequency - known.log_frequency,
-                mode.log_sd.hypot(known.log_sd),
-            ))
-        });
-        let (least, log_sd) = falls.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        (least < 0.0).then(|| Self {
-            mean: -libm::expm1(2.0 * least),
-            sd: 2.0 * log_sd,
+    /// Lower end, beyond which the loss is credible.
+    fn least(self) -> f64 {
+        self.mean - FALLEN_SD * self.sd
+    }
+}
+
+/// Loss of a record beyond the prepared range.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Bound {
+    pub loss: Loss,
+    /// True if three modes or more agree that the change is one of force.
+    is_agreed: bool,
+}
+
+impl Bound {
+    /// The loss that a record shows; `None` unless all modes fell. With f^2 = a (N + b), a mode of the slope s = d ln f / d ln N leaves the
+    /// share N_t / N_0 = 1 - (1 - (f_t / f_0)^2) / 2 s. Where the modes agree on it, the loss is that of their mean, with an error as large
+    /// as their distance; else that of the mode that fell least, with b = 0.
+    pub fn of(baseline: &Baseline, shift: &Shift, observation: &Observation) -> Option<Self> {
+        let falls: Vec<(Loss, f64)> = (baseline.modes.iter())
+            .filter_map(|known| {
+                let mode = observation.mode(known.order)?;
+                let least = Loss {
+                    mean: -libm::expm1(2.0 * (mode.log_frequency - known.log_frequency)),
+                    sd: 2.0 * mode.log_sd.hypot(known.log_sd),
+                };
+                Some((least, 0.5 / shift.slope(known.order)?))
+            })
+            .collect();
+        let (least, _) = *falls.iter().min_by(|a, b| a.0.mean.total_cmp(&b.0.mean))?;
+        if least.mean <= 0.0 {
+            return None;
+        }
+        let lost = || falls.iter().map(|(fall, scale)| fall.mean * scale);
+        let width = lost().fold(f64::MIN, f64::max) - lost().fold(f64::MAX, f64::min);
+        let is_agreed = falls.len() >= AGREEING_MODES && width <= AGREEING_SHARE;
+        let noise = falls
+            .iter()
+            .map(|(fall, scale)| fall.sd * scale)
+            .fold(width, f64::max);
+        let mean = Loss {
+            mean: lost().sum::<f64>() / falls.len() as f64,
+            sd: noise,
+        };
+        Some(Self {
+            loss: if is_agreed { mean } else { least },
+            is_agreed,
         })
     }
 }
@@ -149,8 +210,7 @@ pub(super) fn judged(measured: Loss, at_reference: Option<Loss>, limit: f64) -> 
             measured,
         );
     };
-    let least = |loss: &Loss| loss.mean - FALLEN_SD * loss.sd;
-    let smaller = if least(&known) < least(&measured) {
+    let smaller = if known.least() < measured.least() {
         known
     } else {
         measured
@@ -164,11 +224,11 @@ pub(super) fn judged(measured: Loss, at_reference: Option<Loss>, limit: f64) -> 
 }
 
 impl Tracker {
-    /// Checks the limit by one record's ratio N_t / N_0 - 1, which the rod's own data predicted by `law`; `known` is its loss with the
-    /// temperature taken off.
+    /// Checks the limit by one record, whose ratio the rod's own data predicted by `law`; `known` is its loss with the temperature taken
+    /// off.
     pub(super) fn look_at_loss(
         &mut self,
-        ratio: f64,
+        fall: Fall,
         law: Option<Law>,
         known: Option<Loss>,
         time: Timestamp,
@@ -184,9 +244,12 @@ impl Tracker {
             since: time,
         });
         let measured = Loss {
-            mean: before.mean - ratio,
+            mean: before.mean - fall.ratio,
             sd: before.sd,
         };
+        let decides = fall.is_agreed
+            && known.unwrap_or(measured).least() >= DECIDES_ALONE
+            && measured.mean >= DECIDES_ALONE;
         let (mut holds, loss) = judged(measured, known, limit);
         // What is uncertain at the reference temperature ends no loss.
         if stands && known.is_some_and(|known| !known.is_over(limit)) {
@@ -201,91 +264,34 @@ impl Tracker {
         if stands && known.is_none() && self.loss_without_temperature().is_some() {
             holds = holds.filter(|holds| *holds);
         }
-        self.find_loss(holds, loss, time);
+        self.find_loss(holds, loss, decides, time);
         let is_kept = holds == Some(true) || (kept.is_some() && self.state.watches.stands(Cause::Loss));
         self.state.before = is_kept.then_some(before);
     }
 
-    /// Checks the limit by a closed period without a temperature, beside the other rods: after a long silence the rod's own data say little.
-    /// The records of the open period confirm it, as far as the weather moves the rod from one period to the next. A change that is told
-    /// beside the others has two periods behind it.
-    pub(super) fn look_at_loss_beside_others(&mut self, period: &Period, others: &Others, time: Timestamp) {
-        let limit = self.plan.alarm.limit_loss;
-        let watch = self.state.watch.get();
-        let law = watch.and_then(|watch| watch.law_without_temperature(others, period.index));
-        let law = law.map(|law| Law {
-            sd: law.sd.hypot(self.state.step_sd()),
-            ..law
-        });
-        let open: Vec<f64> = self.state.open.iter().map(|pending| pending.delta).collect();
-        let exceeds = |ratio: f64| law.is_some_and(|law| Loss::from_law(ratio, &law).exceeds(limit));
-        if exceeds(period.delta) && !open.is_empty() && open.iter().copied().all(exceeds) {
-            for ratio in std::iter::once(period.delta).chain(open) {
-                self.look_at_loss(ratio, law, None, time);
-            }
-        } else if let Some(loss) = self.loss_without_temperature() {
-            for _ in 0..LOSS_RECORDS {
-                self.find_loss(Some(true), loss, time);
-            }
-        }
-    }
-
     /// Certain loss by a change that shows beside the other rods, where there was no temperature.
-    fn loss_without_temperature(&self) -> Option<Loss> {
+    pub(super) fn loss_without_temperature(&self) -> Option<Loss> {
         let (size, sd) = self.state.watch.get()?.size_without_temperature()?;
         Some(Loss { mean: -size, sd }).filter(|loss| loss.exceeds(self.plan.alarm.limit_loss))
     }
 
     /// Checks the limit by a record beyond the prepared range; returns the loss that it shows.
     pub(super) fn look_at_range(&mut self, observation: &Observation, time: Timestamp) -> Option<Shown> {
-        let bound = Loss::bound(self.state.segment.baseline.as_ref()?, observation);
+        let bound = Bound::of(
+            self.state.segment.baseline.as_ref()?,
+            self.shift.as_ref()?,
+            observation,
+        );
         self.look_at_bound(bound, time)
-    }
-
-    /// Checks a record whose clock is doubted for a loss, by what the rod's own data and the record's own temperature predict of its time. It
-    /// ends none.
-    pub(super) fn look_at_doubted(&mut self, observation: &Observation) {
-        let (time, limit) = (self.known_at(observation.start), self.plan.alarm.limit_loss);
-        let relative = match self.relative(observation) {
-            Some(Ok(relative)) => relative,
-            Some(Err(NoRelative::OutsideRange)) => {
-                let shown = self.look_at_range(observation, time);
-                return self.look_at_suspicion(shown, time);
-            }
-            Some(Err(NoRelative::NoCommonMode)) | None => return,
-        };
-        let pending = Pending::new(observation, &relative);
-        let Some(watch) = self.state.watch.get() else {
-            return;
-        };
-        let Some(law) = watch.blind_law(pending.start.days(), pending.delta, pending.sd) else {
-            return;
-        };
-        // They teach the thermometer's memory nothing.
-        let mut thermometer = self.state.thermometer.clone();
-        let credible = |reading: &&Reading| thermometer.believes(reading);
-        let readings: Vec<Reading> = observation.readings.iter().filter(credible).copied().collect();
-        let filters = self.state.filters.advanced(&readings, pending.end);
-        let by_temperature = watch
-            .law_by_temperature(&pending, &filters)
-            .filter(|_| !readings.is_empty());
-        let known = by_temperature.map(|law| Loss::from_law(pending.delta, &law));
-        let measured = Loss::from_law(pending.delta, &law);
-        if judged(measured, known, limit).0 == Some(true) {
-            self.look_at_loss(pending.delta, Some(law), known, time);
-        }
-        let loss = known.unwrap_or(measured);
-        if loss.exceeds(limit) {
-            self.look_at_suspicion(Some(Shown::within(loss, pending.delta, &law, limit)), time);
-        }
     }
 
     /// Checks the limit by the bound of a record beyond the prepared range, which is the loss that it shows. A bound below the limit does not
     /// end a loss.
-    pub(super) fn look_at_bound(&mut self, bound: Option<Loss>, time: Timestamp) -> Option<Shown> {
-        let loss = bound?;
+    pub(super) fn look_at_bound(&mut self, bound: Option<Bound>, time: Timestamp) -> Option<Shown> {
+        let Bound { loss, is_agreed } = bound?;
         let holds = loss.exceeds(self.plan.alarm.limit_loss).then_some(true);
-        self.find_loss(holds, loss, time);
+        let decides = is_agreed && loss.least() >= DECIDES_ALONE;
+        self.find_loss(holds, loss, decides, time);
         Some(Shown::bound(loss))
     }
 
@@ -332,15 +338,19 @@ impl Tracker {
         self.look(Cause::Suspicion, Some(false), time, String::new);
     }
 
-    fn find_loss(&mut self, holds: Option<bool>, loss: Loss, time: Timestamp) {
+    /// Notes if a loss holds; one that decides by itself counts as often as it takes. The signal of another rod decides nothing by itself.
+    pub(super) fn find_loss(&mut self, holds: Option<bool>, loss: Loss, decides: bool, time: Timestamp) {
         let limit = self.plan.alarm.limit_loss;
-        self.look(Cause::Loss, holds, time, || {
-            format!(
-                "the axial force fell by {:.0} % at least, above the limit of {:.1} %, faster and further than any temperature moves it",
-                100.0 * (loss.mean - FALLEN_SD * loss.sd),
-                100.0 * limit
-            )
-        });
+        let decides = decides && holds == Some(true) && !self.shows_another;
+        for _ in 0..if decides { LOSS_RECORDS } else { 1 } {
+            self.look(Cause::Loss, holds, time, || {
+                format!(
+                    "the axial force fell by {:.0} % at least, above the limit of {:.1} %, faster and further than any temperature moves it",
+                    100.0 * loss.least(),
+                    100.0 * limit
+                )
+            });
+        }
     }
 }
 

@@ -29,6 +29,7 @@ pub mod packed;
 pub mod plan;
 mod reference;
 mod scatter;
+mod silence;
 pub mod state;
 pub mod tracker;
 pub mod verdict;

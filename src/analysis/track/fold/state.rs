@@ -100,6 +100,9 @@ pub struct State {
     /// Law of the ratio before a large loss that is suspected or stands.
     #[serde(default)]
     pub before: Option<Before>,
+    /// Last record whose clock is doubted.
+    #[serde(default)]
+    pub doubted: Option<Pending>,
     /// Number of the last closed period.
     pub closed: Option<i64>,
     /// Closed periods of this segment, ascending. The store keeps them in rows of their own.
@@ -141,6 +144,7 @@ impl State {
             early: None,
             scatter: Scatter::default(),
             before: None,
+            doubted: None,
             closed: None,
             periods: Vec::new(),
             alarms: Vec::new(),
@@ -231,6 +235,7 @@ impl State {
         self.alarms = now.alarms.clone();
         self.watches = Watches::default();
         self.before = None;
+        self.doubted = None;
         self.open = Vec::new();
         self.plausibility = now.plausibility.clone();
         self.thermometer = now.thermometer.clone();
@@ -366,6 +371,11 @@ impl Neighbour for State {
                 Some((pending.delta - law.mean, law.sd))
             });
         [closed, open]
+    }
+
+    fn latest_record(&self) -> Option<(Timestamp, f64)> {
+        let latest = self.doubted.as_ref().or(self.open.last())?;
+        Some((latest.start, latest.delta))
     }
 
     fn last_period(&self) -> Option<i64> {

@@ -31,6 +31,8 @@ pub struct Tracker {
     pub(crate) shift: Option<Shift>,
     /// The provisional baseline, prepared for records.
     pub(crate) early_shift: Option<Shift>,
+    /// True if the record at hand may be another rod's, by its frequencies.
+    pub(super) shows_another: bool,
     /// Alarm events not yet taken.
     pub(super) news: Vec<AlarmEvent>,
 }
@@ -50,6 +52,7 @@ impl Tracker {
             state,
             shift: None,
             early_shift: None,
+            shows_another: false,
             news: Vec::new(),
         }
     }
@@ -67,6 +70,7 @@ impl Tracker {
             state,
             shift,
             early_shift: None,
+            shows_another: false,
             news: Vec::new(),
         };
         if tracker.state.is_untouched() {

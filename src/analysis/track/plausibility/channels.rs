@@ -11,6 +11,8 @@ use std::collections::VecDeque;
 pub struct Peer {
     pub(super) rod: RodId,
     pub(super) shown: VecDeque<Shown>,
+    /// Last record far ahead of time that was doubted, and number of such records in a row.
+    pub(super) ahead: Option<(Timestamp, usize)>,
     pub(super) swap: Option<Swap>,
 }
 

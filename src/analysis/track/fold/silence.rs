@@ -1,0 +1,194 @@
+//! Losses that show after a long silence, when a rod's own data say little: its yearly cycle is not known, and its clock may be wrong.
+//!
+//! The other rods were silent as long, and moved with the same weather. Each predicts a record's ratio by a straight line through their
+//! common periods,
+//!
+//! ```text
+//! y = mean(y) + b (x - mean(x)),    var = s^2 (1 + 1 / n + (x - mean(x))^2 / Sxx),
+//! ```
+//!
+//! without a temperature, whatever was learned of it. A loss counts as large as it shows beside most of them, two at least: beside one
+//! other rod nothing tells which of the two moved.
+
+use super::loss::{Fall, Loss, Shown, judged};
+use super::tracker::Tracker;
+use crate::signal::record::{Reading, Timestamp};
+use crate::track::drift::Law;
+use crate::track::drift::others::{Neighbour, Others};
+use crate::track::drift::period::{self, Pending, Period};
+use crate::track::observation::Observation;
+use crate::track::relative::NoRelative;
+
+/// Silence after which records are compared with the other rods' latest ones, and for how long \[s\].
+const SILENCE_S: f64 = 10.0 * 86_400.0;
+
+/// Largest distance of records that are compared \[s\].
+const COMPARED_S: f64 = 1.5 * 86_400.0;
+
+/// Fewest common periods of two rods that tell how one follows the other.
+const COMMON_PERIODS: usize = 15;
+
+/// Fewest other rods that tell which one moved.
+const WITNESSES: usize = 2;
+
+impl Tracker {
+    /// Checks the limit by a record after a long silence, beside the other rods' latest ones; returns false if they show no loss beyond it, or
+    /// say nothing.
+    pub(super) fn look_beside_others(
+        &mut self,
+        pending: &Pending,
+        fall: Fall,
+        others: &Others,
+        time: Timestamp,
+    ) -> bool {
+        let limit = self.plan.alarm.limit_loss;
+        let law = self.law_beside_others(pending, others);
+        let law = law.filter(|law| Loss::from_law(fall.ratio, law).exceeds(limit));
+        if law.is_some() {
+            // What the rod's own data predicted before is less certain.
+            self.state.before = None;
+            self.look_at_loss(fall, law, None, time);
+        }
+        law.is_some()
+    }
+
+    /// Law of a record after a long silence beside the other rods' latest ones; `None` with too few of them, or without a silence.
+    fn law_beside_others(&self, pending: &Pending, others: &Others) -> Option<Law> {
+        let before = self.periods_before_silence(pending.start)?;
+        let mut laws: Vec<Law> = others
+            .rods()
+            .filter_map(|other| self.law_beside(pending, other, before))
+            .collect();
+        let witnesses = WITNESSES.max(laws.len() / 2 + 1);
+        laws.sort_by(|one, other| other.mean.total_cmp(&one.mean));
+        laws.get(witnesses - 1).copied()
+    }
+
+    /// Periods before a silence that ended with a record, or of late: those after it may hold the loss. `None` without one.
+    fn periods_before_silence(&self, start: Timestamp) -> Option<&[Period]> {
+        let periods = &self.state.periods;
+        let mut later = start;
+        for (place, period) in periods.iter().enumerate().rev() {
+            let time = period.time();
+            if later.seconds_since(time) >= SILENCE_S {
+                return Some(&periods[..=place]);
+            }
+            if start.seconds_since(time) >= SILENCE_S {
+                return None;
+            }
+            later = time;
+        }
+        None
+    }
+
+    /// Law of a record beside another rod's latest one, by the periods before a silence.
+    fn law_beside(&self, pending: &Pending, other: &dyn Neighbour, before: &[Period]) -> Option<Law> {
+        let period_s = self.plan.track.period_s;
+        let index = |time| period::index_of(time, period_s);
+        let (time, now) = other.latest_record()?;
+        let is_near = pending.start.seconds_since(time).abs() <= COMPARED_S;
+        if !is_near || other.drifts() || other.is_in_doubt(index(time), period_s) {
+            return None;
+        }
+        let common: Vec<(f64, f64)> = (before.iter())
+            .filter_map(|period| Some((other.ratio_in(period.index, period_s)?, period.delta)))
+            .collect();
+        if common.len() < COMMON_PERIODS {
+            return None;
+        }
+        let count = common.len() as f64;
+        let (x, y) = common.iter().fold((0.0, 0.0), |sum, pair| {
+            (sum.0 + pair.0 / count, sum.1 + pair.1 / count)
+        });
+        let (sxx, sxy) = common.iter().fold((0.0, 0.0), |sum, pair| {
+            let off = pair.0 - x;
+            (sum.0 + off * off, sum.1 + off * (pair.1 - y))
+        });
+        let slope = if sxx > 0.0 { sxy / sxx } else { 0.0 };
+        let squares: f64 = common
+            .iter()
+            .map(|pair| (pair.1 - y - slope * (pair.0 - x)).powi(2))
+            .sum();
+        let off = now - x;
+        let leverage = 1.0 / count + if sxx > 0.0 { off * off / sxx } else { 0.0 };
+        let variance = squares / (count - 2.0) * (1.0 + leverage) + pending.sd * pending.sd;
+        // The weather moves both from one period to the next.
+        let step_sd = if index(time) == index(pending.start) {
+            0.0
+        } else {
+            self.state.step_sd()
+        };
+        Some(Law {
+            mean: y + slope * off,
+            sd: variance.sqrt().hypot(step_sd),
+            leverage,
+        })
+    }
+
+    /// Checks the limit by a closed period without a temperature, beside the other rods: after a long silence the rod's own data say little.
+    /// The records of the open period confirm it, as far as the weather moves the rod from one period to the next. A change that is told
+    /// beside the others has two periods behind it.
+    pub(super) fn look_at_loss_beside_others(&mut self, period: &Period, others: &Others, time: Timestamp) {
+        let limit = self.plan.alarm.limit_loss;
+        let watch = self.state.watch.get();
+        let law = watch.and_then(|watch| watch.law_without_temperature(others, period.index));
+        let law = law.map(|law| Law {
+            sd: law.sd.hypot(self.state.step_sd()),
+            ..law
+        });
+        let open: Vec<f64> = self.state.open.iter().map(|pending| pending.delta).collect();
+        let exceeds = |ratio: f64| law.is_some_and(|law| Loss::from_law(ratio, &law).exceeds(limit));
+        if exceeds(period.delta) && !open.is_empty() && open.iter().copied().all(exceeds) {
+            for ratio in std::iter::once(period.delta).chain(open) {
+                let fall = Fall {
+                    ratio,
+                    is_agreed: false,
+                };
+                self.look_at_loss(fall, law, None, time);
+            }
+        } else if let Some(loss) = self.loss_without_temperature() {
+            self.find_loss(Some(true), loss, true, time);
+        }
+    }
+
+    /// Checks a record whose clock is doubted for a loss, by what the rod's own data and the record's own temperature predict of its time. It
+    /// ends none.
+    pub(super) fn look_at_doubted(&mut self, observation: &Observation, others: &Others) {
+        let (time, limit) = (self.known_at(observation.start), self.plan.alarm.limit_loss);
+        let relative = match self.relative(observation) {
+            Some(Ok(relative)) => relative,
+            Some(Err(NoRelative::OutsideRange)) => {
+                let shown = self.look_at_range(observation, time);
+                return self.look_at_suspicion(shown, time);
+            }
+            Some(Err(NoRelative::NoCommonMode)) | None => return,
+        };
+        let pending = Pending::new(observation, &relative);
+        let fall = Fall::from(&relative);
+        let is_told = self.look_beside_others(&pending, fall, others, time);
+        self.state.doubted = Some(pending.clone());
+        let Some(watch) = self.state.watch.get() else {
+            return;
+        };
+        let Some(law) = watch.blind_law(pending.start.days(), pending.delta, pending.sd) else {
+            return;
+        };
+        // They teach the thermometer's memory nothing.
+        let mut thermometer = self.state.thermometer.clone();
+        let credible = |reading: &&Reading| thermometer.believes(reading);
+        let readings: Vec<Reading> = observation.readings.iter().filter(credible).copied().collect();
+        let filters = self.state.filters.advanced(&readings, pending.end);
+        let by_temperature = watch
+            .law_by_temperature(&pending, &filters)
+            .filter(|_| !readings.is_empty());
+        let known = by_temperature.map(|law| Loss::from_law(pending.delta, &law));
+        let measured = Loss::from_law(pending.delta, &law);
+        if !is_told && judged(measured, known, limit).0 == Some(true) {
+            self.look_at_loss(fall, Some(law), known, time);
+        }
+        let loss = known.unwrap_or(measured);
+        if loss.exceeds(limit) {
+            self.look_at_suspicion(Some(Shown::within(loss, fall, &law, limit)), time);
+        }
+    }
+}

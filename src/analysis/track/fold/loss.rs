@@ -191,7 +191,7 @@ impl Bound {
             .map(|(fall, scale)| fall.sd * scale)
             .fold(width, f64::max);
         let mean = Loss {
-            mean: lost().sum::<f64>() / falls.len() as f64,
+            mean: (lost().sum::<f64>() / falls.len() as f64).min(1.0),
             sd: noise,
         };
         Some(Self {
@@ -247,7 +247,9 @@ impl Tracker {
             mean: before.mean - fall.ratio,
             sd: before.sd,
         };
-        let decides = fall.is_agreed
+        // The signal of another rod decides nothing by itself.
+        let is_trusted = fall.is_agreed && !self.shows_another;
+        let decides = is_trusted
             && known.unwrap_or(measured).least() >= DECIDES_ALONE
             && measured.mean >= DECIDES_ALONE;
         let (mut holds, loss) = judged(measured, known, limit);
@@ -290,7 +292,7 @@ impl Tracker {
     pub(super) fn look_at_bound(&mut self, bound: Option<Bound>, time: Timestamp) -> Option<Shown> {
         let Bound { loss, is_agreed } = bound?;
         let holds = loss.exceeds(self.plan.alarm.limit_loss).then_some(true);
-        let decides = is_agreed && loss.least() >= DECIDES_ALONE;
+        let decides = is_agreed && !self.shows_another && loss.least() >= DECIDES_ALONE;
         self.find_loss(holds, loss, decides, time);
         Some(Shown::bound(loss))
     }
@@ -338,10 +340,10 @@ impl Tracker {
         self.look(Cause::Suspicion, Some(false), time, String::new);
     }
 
-    /// Notes if a loss holds; one that decides by itself counts as often as it takes. The signal of another rod decides nothing by itself.
+    /// Notes if a loss holds; one that decides by itself counts as often as it takes.
     pub(super) fn find_loss(&mut self, holds: Option<bool>, loss: Loss, decides: bool, time: Timestamp) {
         let limit = self.plan.alarm.limit_loss;
-        let decides = decides && holds == Some(true) && !self.shows_another;
+        let decides = decides && holds == Some(true);
         for _ in 0..if decides { LOSS_RECORDS } else { 1 } {
             self.look(Cause::Loss, holds, time, || {
                 format!(

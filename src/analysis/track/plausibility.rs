@@ -68,9 +68,9 @@ pub(super) fn is_far_ahead(time: Timestamp, latest: Timestamp) -> bool {
     time.seconds_since(latest) > JUMP_S
 }
 
-/// True if a record has the frequencies that another rod's channel showed last, as far as weather moves them.
+/// True if a record has frequencies that another rod's channel showed of late, as far as weather moves them.
 pub(super) fn shows_another(observation: &Observation, peers: &[Peer]) -> bool {
-    peers.iter().filter_map(|peer| peer.shown.back()).any(|theirs| {
+    peers.iter().flat_map(|peer| &peer.shown).any(|theirs| {
         let hours = observation.start.seconds_since(theirs.time).abs() / 3600.0;
         exchange::unlikeness(&observation.modes, &theirs.modes, hours)
             .is_some_and(|unlikeness| unlikeness <= 1.0)
@@ -312,20 +312,23 @@ impl Plausibility {
             return false;
         }
         let is_near = |time: Timestamp| start.seconds_since(time).abs() <= COMPARED_S;
-        let is_there = peers
-            .iter()
+        // A rod that has just begun believes every clock.
+        let is_known = |peer: &&Peer| peer.shown.len() == REMEMBERED;
+        let is_there = (peers.iter().filter(is_known))
             .filter_map(|peer| peer.shown.back())
             .any(|last| is_near(last.time));
+        let count = match self.ahead {
+            Some((last, count)) if start == last => count,
+            Some((last, count)) if (0.0..=JUMP_S).contains(&start.seconds_since(last)) => count + 1,
+            _ => 1,
+        };
+        // Channels of one recorder have one clock: each confirms no more than the rod's own records do.
         let theirs = peers
             .iter()
             .filter_map(|peer| peer.ahead)
             .filter(|(last, _)| is_near(*last));
-        let others: usize = theirs.map(|(_, count)| count).sum();
-        let count = match self.ahead {
-            Some((last, count)) if (0.0..=JUMP_S).contains(&start.seconds_since(last)) => count + 1,
-            _ => 1,
-        };
-        let agreeing = if 2 * count > patience {
+        let others: usize = theirs.map(|(_, theirs)| theirs.min(count)).sum();
+        let agreeing = if count > 1 && 2 * count > patience {
             count + others
         } else {
             count
@@ -433,7 +436,12 @@ mod tests {
         // Another rod's clock has been believed there.
         let (mut mine, last) = learned();
         let mut there = Plausibility::default();
-        assert_eq!(there.doubt(&far(-1.0), &RodId("b".into()), None, &[], 5), None);
+        for day in [-4.0, -3.0, -2.0, -1.0] {
+            // It has just begun.
+            let peers = [peer(&there)];
+            assert_eq!(doubt(&mut mine.clone(), &last, 0.0, &peers), Some(Doubt::Clock));
+            assert_eq!(there.doubt(&far(day), &RodId("b".into()), None, &[], 5), None);
+        }
         assert_eq!(doubt(&mut mine, &last, 0.0, &[peer(&there)]), None);
         // Another rod that comes back at the same time: six records of both, three at least of each.
         let (mut mine, last) = learned();

@@ -178,8 +178,10 @@ impl Tracker {
                         .unwrap_or_else(|| Loss::from_law(ratio, law));
                     Shown::within(loss, fall, law, self.plan.alarm.limit_loss)
                 });
-                if !self.look_beside_others(&pending, fall, others, time) {
-                    self.look_at_loss(fall, law, at_reference.map(Loss::at_reference), time);
+                let known = at_reference.map(Loss::at_reference);
+                let measured = law.as_ref().map(|law| Loss::from_law(ratio, law));
+                if !self.look_beside_others(&pending, fall, [measured, known], others, time) {
+                    self.look_at_loss(fall, law, known, time);
                 }
                 self.await_period(pending);
                 verdict.relative = Some(relative);

@@ -109,6 +109,14 @@ pub struct Before {
 }
 
 impl Before {
+    /// The law with another error beside its own.
+    pub(super) fn widened(self, sd: f64) -> Self {
+        Self {
+            sd: self.sd.hypot(sd),
+            ..self
+        }
+    }
+
     /// The law in units of another baseline, with the force of this one as a share of its own.
     pub(super) fn scaled(self, share: f64) -> Self {
         Self {
@@ -148,6 +156,16 @@ impl Loss {
             mean: 1.0 - at_reference.ratio.mean,
             sd: at_reference.ratio.sd,
         }
+    }
+
+    /// Lower end, beyond which the loss is certain.
+    pub(super) fn certain(self) -> f64 {
+        self.mean - CERTAIN_SD * self.sd
+    }
+
+    /// True if there is certainly none beyond a limit.
+    pub(super) fn is_denied(self, limit: f64) -> bool {
+        self.mean + CERTAIN_SD * self.sd < limit
     }
 
     /// Lower end, beyond which the loss is credible.
@@ -250,8 +268,8 @@ impl Tracker {
         // The signal of another rod decides nothing by itself.
         let is_trusted = fall.is_agreed && !self.shows_another;
         let decides = is_trusted
-            && known.unwrap_or(measured).least() >= DECIDES_ALONE
-            && measured.mean >= DECIDES_ALONE;
+            && known.is_none_or(|known| known.least() >= DECIDES_ALONE)
+            && measured.least() >= DECIDES_ALONE;
         let (mut holds, loss) = judged(measured, known, limit);
         // What is uncertain at the reference temperature ends no loss.
         if stands && known.is_some_and(|known| !known.is_over(limit)) {

@@ -33,21 +33,29 @@ const WITNESSES: usize = 2;
 
 impl Tracker {
     /// Checks the limit by a record after a long silence, beside the other rods' latest ones; returns false if they show no loss beyond it, or
-    /// say nothing.
+    /// say nothing. Its own frequencies must have fallen beside what its data predicted, and its temperature not deny the loss: the others may
+    /// have been tightened.
     pub(super) fn look_beside_others(
         &mut self,
         pending: &Pending,
         fall: Fall,
+        [measured, known]: [Option<Loss>; 2],
         others: &Others,
         time: Timestamp,
     ) -> bool {
         let limit = self.plan.alarm.limit_loss;
+        if measured.is_none_or(|loss| loss.mean <= limit) || known.is_some_and(|loss| loss.is_denied(limit)) {
+            return false;
+        }
         let law = self.law_beside_others(pending, others);
         let law = law.filter(|law| Loss::from_law(fall.ratio, law).exceeds(limit));
         if law.is_some() {
             // What the rod's own data predicted before is less certain.
             self.state.before = None;
             self.look_at_loss(fall, law, None, time);
+            // Later records are of other days.
+            let step_sd = self.state.step_sd();
+            self.state.before = self.state.before.map(|before| before.widened(step_sd));
         }
         law.is_some()
     }
@@ -60,7 +68,8 @@ impl Tracker {
             .filter_map(|other| self.law_beside(pending, other, before))
             .collect();
         let witnesses = WITNESSES.max(laws.len() / 2 + 1);
-        laws.sort_by(|one, other| other.mean.total_cmp(&one.mean));
+        let certain = |law: &Law| Loss::from_law(pending.delta, law).certain();
+        laws.sort_by(|one, other| certain(other).total_cmp(&certain(one)));
         laws.get(witnesses - 1).copied()
     }
 
@@ -112,11 +121,11 @@ impl Tracker {
         let off = now - x;
         let leverage = 1.0 / count + if sxx > 0.0 { off * off / sxx } else { 0.0 };
         let variance = squares / (count - 2.0) * (1.0 + leverage) + pending.sd * pending.sd;
-        // The weather moves both from one period to the next.
-        let step_sd = if index(time) == index(pending.start) {
-            0.0
-        } else {
-            self.state.step_sd()
+        // The weather moves both from one period to the next, unknown without adjacent ones.
+        let step_sd = match self.state.step_sd() {
+            _ if index(time) == index(pending.start) => 0.0,
+            unknown if unknown <= 0.0 => return None,
+            known => known,
         };
         Some(Law {
             mean: y + slope * off,
@@ -165,8 +174,6 @@ impl Tracker {
         };
         let pending = Pending::new(observation, &relative);
         let fall = Fall::from(&relative);
-        let is_told = self.look_beside_others(&pending, fall, others, time);
-        self.state.doubted = Some(pending.clone());
         let Some(watch) = self.state.watch.get() else {
             return;
         };
@@ -183,8 +190,14 @@ impl Tracker {
             .filter(|_| !readings.is_empty());
         let known = by_temperature.map(|law| Loss::from_law(pending.delta, &law));
         let measured = Loss::from_law(pending.delta, &law);
-        if !is_told && judged(measured, known, limit).0 == Some(true) {
-            self.look_at_loss(fall, Some(law), known, time);
+        let is_told = self.look_beside_others(&pending, fall, [Some(measured), known], others, time);
+        self.state.doubted = Some(pending.clone());
+        if !is_told {
+            if judged(measured, known, limit).0 == Some(true) {
+                self.look_at_loss(fall, Some(law), known, time);
+            } else {
+                self.find_loss(None, measured, false, time);
+            }
         }
         let loss = known.unwrap_or(measured);
         if loss.exceeds(limit) {

@@ -31,6 +31,10 @@ const COMMON_PERIODS: usize = 15;
 /// Fewest other rods that tell which one moved.
 const WITNESSES: usize = 2;
 
+/// Least share of a loss beside the others by which a rod's own ratio fell: the season may hide the rest of it, and the others' rise may make
+/// all of it.
+const OWN_SHARE: f64 = 0.5;
+
 impl Tracker {
     /// Checks the limit by a record after a long silence, beside the other rods' latest ones; returns false if they show no loss beyond it, or
     /// say nothing. Its own frequencies must have fallen beside what its data predicted, and its temperature not deny the loss: the others may
@@ -44,11 +48,14 @@ impl Tracker {
         time: Timestamp,
     ) -> bool {
         let limit = self.plan.alarm.limit_loss;
-        if measured.is_none_or(|loss| loss.mean <= limit) || known.is_some_and(|loss| loss.is_denied(limit)) {
+        if known.is_some_and(|loss| loss.is_denied(limit)) {
             return false;
         }
-        let law = self.law_beside_others(pending, others);
-        let law = law.filter(|law| Loss::from_law(fall.ratio, law).exceeds(limit));
+        let law = self.law_beside_others(pending, others).filter(|law| {
+            let loss = Loss::from_law(fall.ratio, law);
+            let fell = measured.is_some_and(|own| own.mean > limit.max(OWN_SHARE * loss.mean));
+            fell && loss.exceeds(limit)
+        });
         if law.is_some() {
             // What the rod's own data predicted before is less certain.
             self.state.before = None;

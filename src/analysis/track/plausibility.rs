@@ -22,6 +22,10 @@ const AMPLITUDES: usize = 5;
 /// Silence after which a record's time is doubted until others agree \[s\].
 pub const JUMP_S: f64 = 90.0 * 86_400.0;
 
+/// Longest silence that a site may have had \[s\]: it ends a baseline with the records before it, and other rods confirm its end. Behind a
+/// longer one the clock was wrong, most likely.
+pub(super) const LONGEST_SILENCE_S: f64 = 3.0 * 365.25 * 86_400.0;
+
 /// Largest age of a channel's records used for comparison \[s\].
 const COMPARED_S: f64 = 3.0 * 86_400.0;
 
@@ -312,16 +316,18 @@ impl Plausibility {
             return false;
         }
         let is_near = |time: Timestamp| start.seconds_since(time).abs() <= COMPARED_S;
-        // A rod that has just begun believes every clock.
-        let is_known = |peer: &&Peer| peer.shown.len() == REMEMBERED;
-        let is_there = (peers.iter().filter(is_known))
-            .filter_map(|peer| peer.shown.back())
-            .any(|last| is_near(last.time));
         let count = match self.ahead {
             Some((last, count)) if start == last => count,
             Some((last, count)) if (0.0..=JUMP_S).contains(&start.seconds_since(last)) => count + 1,
             _ => 1,
         };
+        let may_be_silence = start.seconds_since(latest) <= LONGEST_SILENCE_S;
+        let peers = if may_be_silence { peers } else { &[] };
+        // A rod that has just begun believes every clock.
+        let is_known = |peer: &&Peer| peer.shown.len() == REMEMBERED;
+        let is_there = (peers.iter().filter(is_known))
+            .filter_map(|peer| peer.shown.back())
+            .any(|last| is_near(last.time));
         // Channels of one recorder have one clock: each confirms no more than the rod's own records do.
         let theirs = peers
             .iter()
@@ -428,7 +434,7 @@ mod tests {
 
     #[test]
     fn a_jump_that_other_rods_made_is_believed_sooner() {
-        let far = |day: f64| at(27_000.0 + day, OWN, 1e-4);
+        let far = |day: f64| at(200.0 + day, OWN, 1e-4);
         let doubt = |mine: &mut Plausibility, last: &Observation, day: f64, peers: &[Peer]| {
             mine.doubt(&far(day), &RodId("a".into()), Some(last.start), peers, 5)
         };
@@ -453,6 +459,20 @@ mod tests {
             let believed = (day < 2.0).then_some(Doubt::Clock);
             assert_eq!(doubt(&mut other, &last, day, &peers), believed, "{day}");
         }
+        // No site is silent for decades.
+        let (mut mine, last) = learned();
+        let mut there = Plausibility::default();
+        let rod = RodId("b".into());
+        for day in 0..4 {
+            let decades = at(27_000.0 + f64::from(day), OWN, 1e-4);
+            assert_eq!(there.doubt(&decades, &rod, None, &[], 5), None);
+        }
+        let decades = at(27_004.0, OWN, 1e-4);
+        let peers = [peer(&there)];
+        assert_eq!(
+            mine.doubt(&decades, &RodId("a".into()), Some(last.start), &peers, 5),
+            Some(Doubt::Clock)
+        );
         // A file of many channels with a wrong date.
         let (mut mine, last) = learned();
         let others = std::array::from_fn::<_, 10, _>(|_| {

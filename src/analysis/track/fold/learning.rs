@@ -7,10 +7,7 @@ use super::tracker::Tracker;
 use crate::signal::record::Timestamp;
 use crate::track::drift::period::{self, Pending};
 use crate::track::observation::Observation;
-use crate::track::plausibility::JUMP_S;
-
-/// Longest silence that ends a baseline with the records before it \[s\]. Behind a longer one the clock was wrong before, most likely.
-const LONGEST_SILENCE_S: f64 = 3.0 * 365.25 * 86_400.0;
+use crate::track::plausibility::{JUMP_S, LONGEST_SILENCE_S};
 
 impl Tracker {
     /// Adds an observation to those that wait for the baseline, and learns it when there are enough and none

@@ -71,12 +71,7 @@ fn a_loss_shows_in_records_whose_clock_is_doubted() {
     let (_, verdicts) = scenario.follow(&observations);
     assert_eq!(verdicts[101].set_aside, Some(SetAside::Clock));
     assert!(
-        raised(&verdicts).contains(&(100, Kind::Suspected)),
-        "{:?}",
-        raised(&verdicts)
-    );
-    assert!(
-        raised(&verdicts).contains(&(101, Kind::Limit)),
+        raised(&verdicts).contains(&(100, Kind::Limit)),
         "{:?}",
         raised(&verdicts)
     );

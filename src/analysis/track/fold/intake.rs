@@ -179,8 +179,7 @@ impl Tracker {
                     Shown::within(loss, fall, law, self.plan.alarm.limit_loss)
                 });
                 let known = at_reference.map(Loss::at_reference);
-                let measured = law.as_ref().map(|law| Loss::from_law(ratio, law));
-                if !self.look_beside_others(&pending, fall, [measured, known], others, time) {
+                if !self.look_beside_others(&pending, fall, known, others, time) {
                     self.look_at_loss(fall, law, known, time);
                 }
                 self.await_period(pending);

@@ -265,11 +265,12 @@ impl Tracker {
             mean: before.mean - fall.ratio,
             sd: before.sd,
         };
-        // The signal of another rod decides nothing by itself.
-        let is_trusted = fall.is_agreed && !self.shows_another;
+        // The signal of another rod decides nothing by itself, nor does a thermometer that may have died.
+        let is_misled = known.is_some() && self.state.thermometer.may_have_died(time);
+        let is_trusted = fall.is_agreed && !self.shows_another && !is_misled;
         let decides = is_trusted
-            && known.is_none_or(|known| known.least() >= DECIDES_ALONE)
-            && measured.least() >= DECIDES_ALONE;
+            && known.unwrap_or(measured).least() >= DECIDES_ALONE
+            && measured.mean >= DECIDES_ALONE;
         let (mut holds, loss) = judged(measured, known, limit);
         // What is uncertain at the reference temperature ends no loss.
         if stands && known.is_some_and(|known| !known.is_over(limit)) {

@@ -37,13 +37,13 @@ const OWN_SHARE: f64 = 0.5;
 
 impl Tracker {
     /// Checks the limit by a record after a long silence, beside the other rods' latest ones; returns false if they show no loss beyond it, or
-    /// say nothing. Its own frequencies must have fallen beside what its data predicted, and its temperature not deny the loss: the others may
+    /// say nothing. Its own ratio must have fallen below the mean before the silence, and its temperature not deny the loss: the others may
     /// have been tightened.
     pub(super) fn look_beside_others(
         &mut self,
         pending: &Pending,
         fall: Fall,
-        [measured, known]: [Option<Loss>; 2],
+        known: Option<Loss>,
         others: &Others,
         time: Timestamp,
     ) -> bool {
@@ -51,10 +51,13 @@ impl Tracker {
         if known.is_some_and(|loss| loss.is_denied(limit)) {
             return false;
         }
-        let law = self.law_beside_others(pending, others).filter(|law| {
+        let Some(before) = self.periods_before_silence(pending.start) else {
+            return false;
+        };
+        let level = before.iter().map(|period| period.delta).sum::<f64>() / before.len() as f64;
+        let law = self.law_beside_others(pending, before, others).filter(|law| {
             let loss = Loss::from_law(fall.ratio, law);
-            let fell = measured.is_some_and(|own| own.mean > limit.max(OWN_SHARE * loss.mean));
-            fell && loss.exceeds(limit)
+            level - fall.ratio > limit.max(OWN_SHARE * loss.mean) && loss.exceeds(limit)
         });
         if law.is_some() {
             // What the rod's own data predicted before is less certain.
@@ -67,9 +70,8 @@ impl Tracker {
         law.is_some()
     }
 
-    /// Law of a record after a long silence beside the other rods' latest ones; `None` with too few of them, or without a silence.
-    fn law_beside_others(&self, pending: &Pending, others: &Others) -> Option<Law> {
-        let before = self.periods_before_silence(pending.start)?;
+    /// Law of a record after a long silence beside the other rods' latest ones; `None` with too few of them.
+    fn law_beside_others(&self, pending: &Pending, before: &[Period], others: &Others) -> Option<Law> {
         let mut laws: Vec<Law> = others
             .rods()
             .filter_map(|other| self.law_beside(pending, other, before))
@@ -197,7 +199,7 @@ impl Tracker {
             .filter(|_| !readings.is_empty());
         let known = by_temperature.map(|law| Loss::from_law(pending.delta, &law));
         let measured = Loss::from_law(pending.delta, &law);
-        let is_told = self.look_beside_others(&pending, fall, [Some(measured), known], others, time);
+        let is_told = self.look_beside_others(&pending, fall, known, others, time);
         self.state.doubted = Some(pending.clone());
         if !is_told {
             if judged(measured, known, limit).0 == Some(true) {

@@ -2,7 +2,8 @@
 
 use crate::rods::Rods;
 use crate::scenario::{Scenario, raised};
-use tirante::analysis::track::{Kind, Observation, SetAside, What};
+use tirante::analysis::signal::record::RodId;
+use tirante::analysis::track::{Alarm, Kind, Observation, SetAside, Verdict, What};
 
 /// Without a thermometer a season explains as much as the loss to a rod that is alone; the others tell it, and tell nothing of their own.
 #[test]
@@ -55,6 +56,41 @@ fn a_rise_of_one_rod_in_a_silence_is_no_loss_of_the_others() {
     }
 }
 
+/// Two of three rods were tightened: the third, which did not move, has fallen beside both.
+#[test]
+fn rods_that_were_tightened_in_a_silence_make_no_loss_of_the_one_that_was_not() {
+    for seed in 601..605 {
+        for from in [60.0, 100.0] {
+            for thermometer in [true, false] {
+                let told = limits_of_the_rod_beside_two_tightened(seed, from, thermometer);
+                assert!(told.is_empty(), "{seed}, {from}, {thermometer}: {told:?}");
+            }
+        }
+    }
+}
+
+fn limits_of_the_rod_beside_two_tightened(seed: u64, from: f64, thermometer: bool) -> Vec<(u32, String)> {
+    let mut rods = Rods::new(3, 230, seed, &[], 0.0);
+    for place in 0..rods.records.len() {
+        let day = rods.day(&rods.records[place].1);
+        let (rod, record) = &mut rods.records[place];
+        if rod.0 != "a" && day >= 170.0 {
+            for mode in &mut record.modes {
+                mode.log_frequency += 0.5 * 1.4_f64.ln();
+            }
+        }
+    }
+    let verdicts = rods.follow(|day, mut record| {
+        if !thermometer {
+            record.readings.clear();
+        }
+        (!(from..170.0).contains(&day)).then_some(record)
+    });
+    limits(&verdicts)
+        .map(|(day, alarm)| (day as u32, alarm.message.clone()))
+        .collect()
+}
+
 fn but_for(observations: &[Observation], silent: std::ops::Range<usize>) -> Vec<Observation> {
     let kept = observations
         .iter()
@@ -99,4 +135,53 @@ fn a_silence_ends_the_baseline_with_the_records_before_it() {
     // Five are set aside, and the second after them decides.
     assert!(told.contains(&(26, Kind::Drift)), "{told:?}");
     assert!(told.iter().any(|(_, kind)| *kind == Kind::Limit), "{told:?}");
+}
+
+/// A few records say how temperature moves a rod: by how little the others fell, neither season nor thermometer did it.
+#[test]
+fn a_loss_in_a_silence_while_learning_is_a_limit_though_the_clock_is_doubted() {
+    for seed in 613..617 {
+        for learned in [10.0, 20.0] {
+            let rods = Rods::new(3, 170, seed, &[(80.0, -0.4)], 0.0);
+            let verdicts = rods.follow(|day, record| (!(learned..150.0).contains(&day)).then_some(record));
+            let told: Vec<_> = limits(&verdicts)
+                .map(|(day, alarm)| (day as u32, alarm.rod.0.as_str()))
+                .collect();
+            assert!(
+                told.contains(&(150, "a")) || told.contains(&(151, "a")),
+                "{seed}, {learned}: {told:?}"
+            );
+            assert!(
+                told.iter().all(|(_, rod)| *rod == "a"),
+                "{seed}, {learned}: {told:?}"
+            );
+        }
+    }
+}
+
+/// Rods that fall alike fell by season, or the thermometer is another one.
+#[test]
+fn another_thermometer_after_a_silence_while_learning_makes_no_limit() {
+    for seed in 613..617 {
+        for by_k in [-15.0, 15.0] {
+            let rods = Rods::new(3, 155, seed, &[], 0.0);
+            let verdicts = rods.follow(|day, mut record| {
+                if day >= 150.0 {
+                    for reading in &mut record.readings {
+                        reading.celsius += by_k;
+                    }
+                }
+                (!(20.0..150.0).contains(&day)).then_some(record)
+            });
+            let told: Vec<_> = limits(&verdicts).collect();
+            assert!(told.is_empty(), "{seed}, {by_k}: {told:?}");
+        }
+    }
+}
+
+fn limits(verdicts: &[(f64, RodId, Verdict)]) -> impl Iterator<Item = (f64, &Alarm)> {
+    verdicts
+        .iter()
+        .flat_map(|(day, _, verdict)| verdict.events.iter().map(move |event| (*day, &event.alarm)))
+        .filter(|(_, alarm)| alarm.kind == Kind::Limit)
 }

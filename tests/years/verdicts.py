@@ -23,6 +23,8 @@ class Rod:
     changes: bool
     # From which on its records show the change.
     change_day: float
+    # Day of the first record that shows the change; infinite without one.
+    first_day: float
     # Days since the first record's day on which alarms were raised, by kind, in the order they were told: (told, raised).
     raised: dict = field(default_factory=dict)
     confirmed: list = field(default_factory=list)
@@ -69,7 +71,8 @@ def judge(site, index, lines):
     for number, name in enumerate(site.names):
         changes = world.changes and number == 0
         own = [(day_of(start, line["start"]), line) for line in lines if line["rod"] == name]
-        verdict = Rod(world.name, index, name, changes, world.shown_day, records=len(own))
+        first = min((day for day, _ in own if day >= world.shown_day), default=math.inf)
+        verdict = Rod(world.name, index, name, changes, world.shown_day, first, records=len(own))
         for day, line in own:
             if line.get("rejection"):
                 verdict.rejected += 1

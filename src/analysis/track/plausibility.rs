@@ -1,6 +1,7 @@
 //! Records that cannot be what they claim: another unit, another clock, another rod's channel.
 
 mod channels;
+mod clock;
 mod exchange;
 
 use super::observation::Observation;
@@ -11,6 +12,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 pub use channels::Peer;
+pub use clock::JUMP_S;
+pub(super) use clock::LONGEST_SILENCE_S;
 
 /// Largest factor between a record's amplitude and those seen so far: weather and traffic stay within, a
 /// change from metres to millimetres does not.
@@ -19,15 +22,11 @@ const AMPLITUDE: f64 = 50.0;
 /// Number of records that determine the range of amplitudes.
 const AMPLITUDES: usize = 5;
 
-/// Silence after which a record's time is doubted until others agree \[s\].
-pub const JUMP_S: f64 = 90.0 * 86_400.0;
-
-/// Longest silence that a site may have had \[s\]: it ends a baseline with the records before it, and other rods confirm its end. Behind a
-/// longer one the clock was wrong, most likely.
-pub(super) const LONGEST_SILENCE_S: f64 = 3.0 * 365.25 * 86_400.0;
-
 /// Largest age of a channel's records used for comparison \[s\].
 const COMPARED_S: f64 = 3.0 * 86_400.0;
+
+/// Silence after which weather may have moved a rod by much \[s\].
+pub(super) const SILENCE_S: f64 = 10.0 * 86_400.0;
 
 /// Probability from which two channels count as exchanged.
 const EXCHANGED: f64 = 0.99;
@@ -67,17 +66,19 @@ impl Doubt {
     }
 }
 
-/// True if a time lies so far after the `latest` accepted one that a wrong clock is likelier than a silence.
-pub(super) fn is_far_ahead(time: Timestamp, latest: Timestamp) -> bool {
-    time.seconds_since(latest) > JUMP_S
-}
-
-/// True if a record has frequencies that another rod's channel showed of late, as far as weather moves them.
+/// True if a record has frequencies that another rod's channel showed of late, as far as weather moves them. What it showed before a silence
+/// counts until it shows another record.
 pub(super) fn shows_another(observation: &Observation, peers: &[Peer]) -> bool {
-    peers.iter().flat_map(|peer| &peer.shown).any(|theirs| {
+    let shows = |theirs: &Shown| {
         let hours = observation.start.seconds_since(theirs.time).abs() / 3600.0;
         exchange::unlikeness(&observation.modes, &theirs.modes, hours)
             .is_some_and(|unlikeness| unlikeness <= 1.0)
+    };
+    peers.iter().any(|peer| {
+        let is_late = |theirs: &&Shown| {
+            (peer.shown.back()).is_some_and(|last| last.time.seconds_since(theirs.time) < SILENCE_S)
+        };
+        peer.shown.iter().filter(is_late).any(shows)
     })
 }
 
@@ -275,18 +276,6 @@ impl Plausibility {
         }
     }
 
-    /// Notes a record older than periods already closed. Returns true if the clock was right before it jumped
-    /// ahead, and is right again: `patience` records in a row lie in the time that the jump left out.
-    pub fn is_back(&mut self, start: Timestamp, patience: usize) -> bool {
-        self.behind += 1;
-        self.behind > patience && self.before_jump.is_some_and(|before| start > before)
-    }
-
-    /// True if at least this many records in a row were older than periods already closed.
-    pub fn is_behind(&self, patience: usize) -> bool {
-        self.behind >= patience
-    }
-
     /// Notes an accepted record.
     pub fn believe(&mut self, observation: &Observation) {
         self.behind = 0;
@@ -298,53 +287,9 @@ impl Plausibility {
         }
     }
 
-    /// True if the last record was one of this time, which was doubted.
-    pub(super) fn is_doubted_at(&self, start: Timestamp) -> bool {
-        self.ahead.is_some_and(|(last, _)| last == start)
-    }
-
     /// True while its channel counts as exchanged with that of another rod.
     pub(super) fn is_exchanged(&self) -> bool {
         self.exchange.is_some()
-    }
-
-    /// True while a time far ahead is doubted: until another rod's records are believed as far, or more than `patience` records in a row
-    /// agree on it, of the site's rods together if half of `patience` are its own.
-    fn is_ahead(&mut self, start: Timestamp, latest: Timestamp, patience: usize, peers: &[Peer]) -> bool {
-        if !is_far_ahead(start, latest) {
-            self.ahead = None;
-            return false;
-        }
-        let is_near = |time: Timestamp| start.seconds_since(time).abs() <= COMPARED_S;
-        let count = match self.ahead {
-            Some((last, count)) if start == last => count,
-            Some((last, count)) if (0.0..=JUMP_S).contains(&start.seconds_since(last)) => count + 1,
-            _ => 1,
-        };
-        let may_be_silence = start.seconds_since(latest) <= LONGEST_SILENCE_S;
-        let peers = if may_be_silence { peers } else { &[] };
-        // A rod that has just begun believes every clock.
-        let is_known = |peer: &&Peer| peer.shown.len() == REMEMBERED;
-        let is_there = (peers.iter().filter(is_known))
-            .filter_map(|peer| peer.shown.back())
-            .any(|last| is_near(last.time));
-        // Channels of one recorder have one clock: each confirms no more than the rod's own records do.
-        let theirs = peers
-            .iter()
-            .filter_map(|peer| peer.ahead)
-            .filter(|(last, _)| is_near(*last));
-        let others: usize = theirs.map(|(_, theirs)| theirs.min(count)).sum();
-        let agreeing = if count > 1 && 2 * count > patience {
-            count + others
-        } else {
-            count
-        };
-        let doubted = !is_there && agreeing <= patience;
-        self.ahead = doubted.then_some((start, count));
-        if !doubted {
-            self.before_jump = Some(latest);
-        }
-        doubted
     }
 }
 
@@ -352,11 +297,8 @@ impl Plausibility {
 mod tests {
     use super::*;
     use crate::track::observation::LogMode;
-    use rand::rngs::ChaCha8Rng;
-    use rand::{RngExt, SeedableRng};
-    use rand_distr::{Distribution, StandardNormal};
 
-    fn at(day: f64, frequencies: [f64; 3], rms: f64) -> Observation {
+    pub(super) fn at(day: f64, frequencies: [f64; 3], rms: f64) -> Observation {
         Observation {
             start: Timestamp::from_nanos(0).plus_seconds(day * 86_400.0),
             duration_s: 60.0,
@@ -375,9 +317,9 @@ mod tests {
         }
     }
 
-    const OWN: [f64; 3] = [4.49, 9.29, 14.2];
+    pub(super) const OWN: [f64; 3] = [4.49, 9.29, 14.2];
 
-    fn learned() -> (Plausibility, Observation) {
+    pub(super) fn learned() -> (Plausibility, Observation) {
         let mut plausibility = Plausibility::default();
         for day in 0..10 {
             let seen = at(f64::from(day), OWN, 1e-5 * f64::from(day + 1));
@@ -406,310 +348,21 @@ mod tests {
     }
 
     #[test]
-    fn a_jump_of_the_clock_is_believed_only_when_it_lasts() {
-        let (mut plausibility, last) = learned();
-        let (rod, latest) = (RodId("a".into()), Some(last.start));
-        let far = |day: f64| at(27_000.0 + day, OWN, 1e-4);
-        assert_eq!(
-            plausibility.doubt(&far(0.0), &rod, latest, &[], 3),
-            Some(Doubt::Clock)
-        );
-        assert_eq!(
-            plausibility.doubt(&at(10.0, OWN, 1e-4), &rod, latest, &[], 3),
-            None
-        );
-        for day in 1..=3 {
-            assert_eq!(
-                plausibility.doubt(&far(f64::from(day)), &rod, latest, &[], 3),
-                Some(Doubt::Clock)
-            );
-        }
-        assert_eq!(plausibility.doubt(&far(4.0), &rod, latest, &[], 3), None);
-        // Weeks of silence are no jump.
-        assert_eq!(
-            plausibility.doubt(&at(60.0, OWN, 1e-4), &rod, latest, &[], 3),
-            None
-        );
-    }
-
-    #[test]
-    fn a_jump_that_other_rods_made_is_believed_sooner() {
-        let far = |day: f64| at(200.0 + day, OWN, 1e-4);
-        let doubt = |mine: &mut Plausibility, last: &Observation, day: f64, peers: &[Peer]| {
-            mine.doubt(&far(day), &RodId("a".into()), Some(last.start), peers, 5)
-        };
-        let peer = |of: &Plausibility| of.as_peer(&RodId("b".into()));
-        // Another rod's clock has been believed there.
-        let (mut mine, last) = learned();
-        let mut there = Plausibility::default();
-        for day in [-4.0, -3.0, -2.0, -1.0] {
-            // It has just begun.
-            let peers = [peer(&there)];
-            assert_eq!(doubt(&mut mine.clone(), &last, 0.0, &peers), Some(Doubt::Clock));
-            assert_eq!(there.doubt(&far(day), &RodId("b".into()), None, &[], 5), None);
-        }
-        assert_eq!(doubt(&mut mine, &last, 0.0, &[peer(&there)]), None);
-        // Another rod that comes back at the same time: six records of both, three at least of each.
-        let (mut mine, last) = learned();
-        let (mut other, _) = learned();
-        for day in [0.0, 1.0, 2.0] {
-            let peers = [peer(&other)];
-            assert_eq!(doubt(&mut mine, &last, day, &peers), Some(Doubt::Clock), "{day}");
-            let peers = [peer(&mine)];
-            let believed = (day < 2.0).then_some(Doubt::Clock);
-            assert_eq!(doubt(&mut other, &last, day, &peers), believed, "{day}");
-        }
-        // No site is silent for decades.
-        let (mut mine, last) = learned();
-        let mut there = Plausibility::default();
-        let rod = RodId("b".into());
-        for day in 0..4 {
-            let decades = at(27_000.0 + f64::from(day), OWN, 1e-4);
-            assert_eq!(there.doubt(&decades, &rod, None, &[], 5), None);
-        }
-        let decades = at(27_004.0, OWN, 1e-4);
-        let peers = [peer(&there)];
-        assert_eq!(
-            mine.doubt(&decades, &RodId("a".into()), Some(last.start), &peers, 5),
-            Some(Doubt::Clock)
-        );
-        // A file of many channels with a wrong date.
-        let (mut mine, last) = learned();
-        let others = std::array::from_fn::<_, 10, _>(|_| {
-            let (mut other, last) = learned();
-            assert_eq!(doubt(&mut other, &last, 0.0, &[]), Some(Doubt::Clock));
-            peer(&other)
-        });
-        assert_eq!(doubt(&mut mine, &last, 0.0, &others), Some(Doubt::Clock));
-    }
-
-    #[test]
     fn the_frequencies_of_another_rod_are_known_again() {
         let (other, _) = learned();
         let peers = [other.as_peer(&RodId("b".into()))];
         assert!(shows_another(&at(10.0, OWN, 1e-4), &peers));
         assert!(!shows_another(&at(10.0, OWN.map(|f| 0.7 * f), 1e-4), &peers));
         assert!(!shows_another(&at(10.0, OWN, 1e-4), &[]));
-    }
-
-    /// Rods of a site under one weather: frequencies of tensioned beams, errors as stated.
-    struct Site {
-        rng: ChaCha8Rng,
-        force: Vec<f64>,
-        restraint: Vec<f64>,
-        /// Change of ln N besides the weather.
-        change: Vec<f64>,
-        /// Rod whose signal each channel carries.
-        carries: Vec<usize>,
-        plausibility: Vec<Plausibility>,
-        latest: Vec<Option<Timestamp>>,
-        /// Deviation of the weather from its diurnal course \[K\].
-        drift_k: f64,
-        hour: f64,
-    }
-
-    impl Site {
-        /// `spread`: differences of ln N between neighbours; `per_kelvin`: d ln N / dT of a restrained rod.
-        fn new(rods: usize, spread: f64, per_kelvin: f64, seed: u64) -> Self {
-            let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            let restraint = (0..rods)
-                .map(|_| per_kelvin * rng.random_range(0.8..1.2))
-                .collect();
-            Self {
-                force: (0..rods).map(|rod| spread * rod as f64).collect(),
-                restraint,
-                change: vec![0.0; rods],
-                carries: (0..rods).collect(),
-                plausibility: vec![Plausibility::default(); rods],
-                latest: vec![None; rods],
-                drift_k: 0.0,
-                hour: 0.0,
-                rng,
-            }
-        }
-
-        fn name(rod: usize) -> RodId {
-            RodId(format!("rod-{rod}"))
-        }
-
-        /// A round of records, each rod's a minute after the one before; returns each doubt, and true if a
-        /// channel is named as an alternative to a change.
-        fn round(&mut self, hours: f64) -> Vec<(Option<Doubt>, bool)> {
-            self.hour += hours;
-            let keep = (-hours / 72.0).exp();
-            let kick: f64 = StandardNormal.sample(&mut self.rng);
-            self.drift_k = keep * self.drift_k + 2.0 * (1.0 - keep * keep).sqrt() * kick;
-            let day = 3.0 * (2.0 * std::f64::consts::PI * self.hour / 24.0).sin();
-            let season = 8.0 * (2.0 * std::f64::consts::PI * self.hour / 8766.0).sin();
-            let warmer = self.drift_k + day + season;
-            let mut found = Vec::new();
-            for channel in 0..self.carries.len() {
-                let rod = self.carries[channel];
-                let log_force = self.force[rod] + self.change[rod] + self.restraint[rod] * warmer;
-                let modes = [1usize, 2, 3].map(|order| {
-                    let square = (order * order) as f64;
-                    let noise: f64 = StandardNormal.sample(&mut self.rng);
-                    let log_sd = 1e-3;
-                    LogMode {
-                        order,
-                        log_frequency: 0.5 * (square * (60.0 * log_force.exp() + 8.0 * square)).ln()
-                            + log_sd * noise,
-                        log_sd,
-                    }
-                });
-                let seen = Observation::of_modes(
-                    Timestamp::from_nanos(0).plus_seconds(3600.0 * self.hour + 60.0 * channel as f64),
-                    modes.to_vec(),
-                );
-                let peers: Vec<Peer> = (0..self.carries.len())
-                    .filter(|other| *other != channel)
-                    .map(|other| self.plausibility[other].as_peer(&Self::name(other)))
-                    .collect();
-                let mine = &mut self.plausibility[channel];
-                let doubt = mine.doubt(&seen, &Self::name(channel), self.latest[channel], &peers, 5);
-                if doubt.is_none() {
-                    mine.believe(&seen);
-                    self.latest[channel] = Some(seen.start);
-                }
-                found.push((doubt, mine.alike().is_some()));
-            }
-            found
-        }
-    }
-
-    #[test]
-    fn no_good_record_of_similar_rods_is_set_aside() {
-        for (case, (hours, per_kelvin)) in [
-            (1.0, -0.02),
-            (24.0, -0.02),
-            (1.0, -0.005),
-            (24.0, -0.005),
-            (7.0, -0.02),
-        ]
-        .into_iter()
-        .enumerate()
-        {
-            for (rods, spread) in [(2, 0.03), (4, 0.03), (4, 0.01), (4, 0.003), (4, 0.1)] {
-                let mut aside = 0;
-                let mut told = 0;
-                for seed in 0..1 {
-                    let mut site = Site::new(rods, spread, per_kelvin, seed + 100 * case as u64);
-                    for _ in 0..1000 / rods {
-                        for (doubt, alike) in site.round(hours) {
-                            aside += usize::from(doubt.is_some());
-                            told += usize::from(alike);
-                        }
-                    }
-                }
-                println!(
-                    "every {hours} h, {per_kelvin} /K, {rods} rods {spread} apart: {aside} of 1000 aside, {told} told"
-                );
-                assert_eq!(aside, 0);
-            }
-        }
-    }
-
-    #[test]
-    fn a_sudden_loss_is_never_taken_for_another_rod() {
-        let mut aside = 0;
-        let mut told = 0;
-        let mut losses = 0;
-        for seed in 0..50u64 {
-            for (hours, per_kelvin, rods) in [
-                (1.0, -0.02, 4),
-                (24.0, -0.02, 4),
-                (24.0, -0.005, 2),
-                (1.0, -0.02, 2),
-            ] {
-                let spread = [0.03, 0.05, 0.1, 0.2][seed as usize % 4];
-                let mut site = Site::new(rods, spread, per_kelvin, 1000 + seed);
-                for _ in 0..20 {
-                    site.round(hours);
-                }
-                // To the frequencies of a neighbour, twice as far, or anywhere.
-                let loss = match seed % 5 {
-                    0 => -spread,
-                    1 => -2.0 * spread,
-                    2 => (rods - 1) as f64 * -spread,
-                    _ => -site.rng.random_range(0.05..0.5),
-                };
-                let rod = rods - 1;
-                site.change[rod] = loss;
-                losses += 1;
-                let mut is_told = false;
-                for _ in 0..5 {
-                    let round = site.round(hours);
-                    let here = round.iter().filter(|(doubt, _)| doubt.is_some()).count();
-                    if here > 0 {
-                        println!(
-                            "{seed} every {hours} h {per_kelvin} {rods} rods {spread} loss {loss}: {here}"
-                        );
-                    }
-                    aside += here;
-                    is_told |= round[rod].1;
-                }
-                told += usize::from(is_told && seed % 5 == 0);
-            }
-        }
-        println!(
-            "{losses} losses: {aside} records aside; {told} of {} that end at a neighbour's told as both",
-            losses / 5
-        );
-        assert_eq!(aside, 0);
-        assert!(told * 5 > losses * 9 / 10, "{told}");
-    }
-
-    #[test]
-    fn exchanged_channels_are_found_and_found_mended() {
-        let (mut found, mut mended, mut swaps, mut lost) = (0, 0, 0, 0);
-        for seed in 0..25 {
-            for (hours, per_kelvin, rods, spread) in [
-                (1.0, -0.02, 4, 0.05),
-                (24.0, -0.02, 4, 0.15),
-                (24.0, -0.005, 4, 0.05),
-                (1.0, -0.005, 3, 0.1),
-            ] {
-                let mut site = Site::new(rods, spread, per_kelvin, 5000 + seed);
-                for _ in 0..20 {
-                    site.round(hours);
-                }
-                site.carries.swap(0, 2);
-                swaps += 1;
-                // The first record of the first channel is believed, and taken back with the second.
-                site.round(hours);
-                let second = site.round(hours);
-                let both = second.iter().enumerate().all(|(rod, (doubt, _))| match rod {
-                    0 => *doubt == Some(Doubt::Channel(Site::name(2))),
-                    2 => *doubt == Some(Doubt::Channel(Site::name(0))),
-                    _ => doubt.is_none(),
-                });
-                let taken_back = site.plausibility[0].take_wrong_since().is_some();
-                found += usize::from(both && taken_back);
-                if !both {
-                    println!(
-                        "{seed} every {hours} h {per_kelvin}: {:?} {:?}",
-                        second[0], second[2]
-                    );
-                    continue;
-                }
-                for _ in 0..50 {
-                    let round = site.round(hours);
-                    lost += usize::from(round[0].0.is_none())
-                        + usize::from(round[2].0.is_none())
-                        + usize::from(round[1].0.is_some());
-                }
-                site.carries.swap(0, 2);
-                // The first channel's may need the second's, as above.
-                site.round(hours);
-                let round = site.round(hours);
-                mended += usize::from(round.iter().all(|(doubt, _)| doubt.is_none()));
-            }
-        }
-        println!(
-            "{found} of {swaps} exchanges found, {mended} found mended, {lost} of {} records wrong meanwhile",
-            150 * found
-        );
-        assert!(found * 100 >= swaps * 95, "{found}");
-        assert!(mended * 100 >= found * 95, "{mended}");
+        // Months later its own frequencies count, once it has shown any.
+        let after = at(100.0, OWN.map(|f| 0.92 * f), 1e-4);
+        assert!(shows_another(&after, &peers));
+        let (mut back, _) = learned();
+        back.shown.push_back(Shown {
+            time: at(99.9, OWN, 1e-4).start,
+            modes: at(99.9, OWN, 1e-4).modes,
+            is_own: true,
+        });
+        assert!(!shows_another(&after, &[back.as_peer(&RodId("b".into()))]));
     }
 }

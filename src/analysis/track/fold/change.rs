@@ -16,7 +16,7 @@ use crate::track::drift::watch::{DriftWatch, Finding, Witness};
 use crate::track::relative::Shift;
 
 /// Least probability of the misfit since its onset, by a change of axial force, for a drift.
-const SIGNAL_NOT_AXIAL_P: f64 = 0.01;
+pub(super) const SIGNAL_NOT_AXIAL_P: f64 = 0.01;
 
 /// A drift is over if the change at the reference temperature lies within one standard deviation of zero, or
 /// within this share of the reported size.

@@ -296,6 +296,44 @@ impl Tracker {
         shown
     }
 
+    /// Checks a record whose clock is doubted against the provisional baseline, by the record's own readings: without one, the season of the
+    /// silence may have moved the rod as far. It teaches nothing.
+    pub(super) fn look_early_at_doubted(
+        &mut self,
+        observation: &Observation,
+        own: &[Reading],
+        others: &Others,
+        time: Timestamp,
+    ) {
+        let Some(mut early) = self.state.early.clone() else {
+            return;
+        };
+        let shift = (self.early_shift.take()).unwrap_or_else(|| self.plan.shift(&early.baseline));
+        let readings = [&self.state.readings, own].concat();
+        let (taken, _) = early.take(&self.plan, &shift, observation, &readings);
+        self.early_shift = Some(shift);
+        let shown = match taken {
+            Taken::Within {
+                fall,
+                alone,
+                by_temperature: Some(loss),
+            } if !own.is_empty() => {
+                let start = observation.start;
+                self.state.doubted = Some((start, fall.ratio));
+                let (law, known) = if self.falls_alone(start, fall.ratio, loss, others) {
+                    (loss.law_of(fall.ratio), None)
+                } else {
+                    (alone, Some(loss))
+                };
+                self.look_at_loss(fall, Some(law), known, time);
+                Some(Shown::within(loss, fall, &law, self.plan.alarm.limit_loss))
+            }
+            Taken::Beyond(bound) => self.look_at_bound(bound, time),
+            Taken::Within { .. } | Taken::Without => return,
+        };
+        self.look_at_suspicion(shown, time);
+    }
+
     /// Number of records of the provisional baseline: the first five, or those before one of these that shows a certain loss. `None` if
     /// there are too few yet.
     fn provisional_records(&self, segment: u32) -> Option<usize> {

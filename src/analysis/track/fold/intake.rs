@@ -179,7 +179,7 @@ impl Tracker {
                     Shown::within(loss, fall, law, self.plan.alarm.limit_loss)
                 });
                 let known = at_reference.map(Loss::at_reference);
-                if !self.look_beside_others(&pending, fall, known, others, time) {
+                if !self.look_at_loss_after_silence(&pending, fall, known, others, time) {
                     self.look_at_loss(fall, law, known, time);
                 }
                 self.await_period(pending);

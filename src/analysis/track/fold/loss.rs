@@ -9,13 +9,14 @@
 //! the loss at the reference temperature must be certain as well, and the frequencies themselves must have fallen: a thermometer
 //! that was replaced or moved to a colder place moves the first alone.
 
+use super::change::SIGNAL_NOT_AXIAL_P;
 use super::tracker::{LOSS_RECORDS, Tracker};
 use super::verdict::AtReference;
 use crate::signal::record::Timestamp;
 use crate::track::alarm::{Cause, Kind};
 use crate::track::baseline::Baseline;
-use crate::track::drift::Law;
 use crate::track::drift::watch::DriftWatch;
+use crate::track::drift::{Change, Law};
 use crate::track::observation::Observation;
 use crate::track::relative::{Relative, Shift};
 use serde::{Deserialize, Serialize};
@@ -35,9 +36,8 @@ const FALLEN_SD: f64 = 2.0;
 /// peak beside the mode's makes it.
 const DECIDES_ALONE: f64 = 0.2;
 
-/// Fewest modes that agree on the loss of one record, and their least P(misfit | the change is axial).
+/// Fewest modes that agree on the loss of one record: two have one degree of freedom, that a wild peak may fit.
 const AGREEING_MODES: usize = 3;
-const AGREEING_P: f64 = 0.01;
 
 /// Largest distance between the shares of force that the modes of a record beyond the prepared range leave, if they agree.
 const AGREEING_SHARE: f64 = 0.05;
@@ -67,7 +67,7 @@ impl From<&Relative> for Fall {
     fn from(relative: &Relative) -> Self {
         Self {
             ratio: relative.ratio.mean - 1.0,
-            is_agreed: relative.freedom + 1 >= AGREEING_MODES && relative.not_axial_p >= AGREEING_P,
+            is_agreed: relative.freedom + 1 >= AGREEING_MODES && relative.not_axial_p >= SIGNAL_NOT_AXIAL_P,
         }
     }
 }
@@ -127,6 +127,15 @@ impl Before {
     }
 }
 
+impl From<&Change> for Loss {
+    fn from(change: &Change) -> Self {
+        Self {
+            mean: -change.size,
+            sd: change.size_sd,
+        }
+    }
+}
+
 impl Loss {
     /// True if it certainly exceeds a limit.
     pub fn exceeds(self, limit: f64) -> bool {
@@ -148,6 +157,15 @@ impl Loss {
         Self {
             mean: law.mean - ratio,
             sd: law.sd,
+        }
+    }
+
+    /// The law by which a record of this ratio shows the loss.
+    pub(super) fn law_of(self, ratio: f64) -> Law {
+        Law {
+            mean: ratio + self.mean,
+            sd: self.sd,
+            leverage: 1.0,
         }
     }
 
@@ -282,7 +300,10 @@ impl Tracker {
             holds = holds.filter(|holds| *holds || !lasts);
         }
         // The season may bring the ratio back, and leave the loss beside the other rods.
-        if stands && known.is_none() && self.loss_without_temperature().is_some() {
+        let is_told = self
+            .change_without_temperature()
+            .is_some_and(|change| Loss::from(&change).exceeds(limit));
+        if stands && known.is_none() && is_told {
             holds = holds.filter(|holds| *holds);
         }
         self.find_loss(holds, loss, decides, time);
@@ -290,10 +311,12 @@ impl Tracker {
         self.state.before = is_kept.then_some(before);
     }
 
-    /// Certain loss by a change that shows beside the other rods, where there was no temperature.
-    pub(super) fn loss_without_temperature(&self) -> Option<Loss> {
-        let (size, sd) = self.state.watch.get()?.size_without_temperature()?;
-        Some(Loss { mean: -size, sd }).filter(|loss| loss.exceeds(self.plan.alarm.limit_loss))
+    /// Change that shows beside the other rods, where there was no temperature.
+    pub(super) fn change_without_temperature(&self) -> Option<Change> {
+        self.state
+            .watch
+            .get()
+            .and_then(DriftWatch::change_without_temperature)
     }
 
     /// Checks the limit by a record beyond the prepared range; returns the loss that it shows.

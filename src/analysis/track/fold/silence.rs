@@ -14,22 +14,18 @@ use super::loss::{Fall, Loss, Shown, judged};
 use super::tracker::Tracker;
 use crate::signal::record::{Reading, Timestamp};
 use crate::track::drift::Law;
+use crate::track::drift::companions::FEWEST;
 use crate::track::drift::others::{Neighbour, Others};
 use crate::track::drift::period::{self, Pending, Period};
 use crate::track::observation::Observation;
+use crate::track::plausibility::SILENCE_S;
 use crate::track::relative::NoRelative;
 
-/// Silence after which records are compared with the other rods' latest ones, and for how long \[s\].
-const SILENCE_S: f64 = 10.0 * 86_400.0;
-
-/// Largest distance of records that are compared \[s\].
-const COMPARED_S: f64 = 1.5 * 86_400.0;
+/// Largest distance in time of records that are compared \[s\].
+const NEAR_S: f64 = 1.5 * 86_400.0;
 
 /// Fewest common periods of two rods that tell how one follows the other.
 const COMMON_PERIODS: usize = 15;
-
-/// Fewest other rods that tell which one moved.
-const WITNESSES: usize = 2;
 
 /// Least share of a loss beside the others by which a rod's own ratio fell: the season may hide the rest of it, and the others' rise may make
 /// all of it.
@@ -37,9 +33,8 @@ const OWN_SHARE: f64 = 0.5;
 
 impl Tracker {
     /// Checks the limit by a record after a long silence, beside the other rods' latest ones; returns false if they show no loss beyond it, or
-    /// say nothing. Its own ratio must have fallen below the mean before the silence, and its temperature not deny the loss: the others may
-    /// have been tightened.
-    pub(super) fn look_beside_others(
+    /// say nothing, or if its temperature denies the loss.
+    pub(super) fn look_at_loss_after_silence(
         &mut self,
         pending: &Pending,
         fall: Fall,
@@ -54,10 +49,15 @@ impl Tracker {
         let Some(before) = self.periods_before_silence(pending.start) else {
             return false;
         };
-        let level = before.iter().map(|period| period.delta).sum::<f64>() / before.len() as f64;
+        // A loss by its temperature, too, needs no more than a fall.
+        let share = if known.is_some_and(|loss| loss.exceeds(limit)) {
+            0.0
+        } else {
+            OWN_SHARE
+        };
         let law = self.law_beside_others(pending, before, others).filter(|law| {
             let loss = Loss::from_law(fall.ratio, law);
-            level - fall.ratio > limit.max(OWN_SHARE * loss.mean) && loss.exceeds(limit)
+            loss.exceeds(limit) && self.has_fallen(fall.ratio, Some(before), share, loss)
         });
         if law.is_some() {
             // What the rod's own data predicted before is less certain.
@@ -70,23 +70,47 @@ impl Tracker {
         law.is_some()
     }
 
+    /// True if a ratio has itself fallen from the periods before a silence, by the limit and a share of its loss beside the others: they may
+    /// have been tightened in it. True without a silence.
+    fn has_fallen(&self, ratio: f64, before: Option<&[Period]>, share: f64, loss: Loss) -> bool {
+        let Some(before) = before else { return true };
+        let level = before.iter().map(|period| period.delta).sum::<f64>() / before.len() as f64;
+        level - ratio > self.plan.alarm.limit_loss.max(share * loss.mean)
+    }
+
+    /// True if a ratio fell by more than the limit, and beside most of the other rods' latest records, two at least, by more than half of a loss:
+    /// the season moves them all, and another thermometer none.
+    pub(super) fn falls_alone(&self, start: Timestamp, ratio: f64, loss: Loss, others: &Others) -> bool {
+        let near: Vec<f64> = (others.rods())
+            .filter_map(|other| other.latest_record())
+            .filter(|(time, _)| start.seconds_since(*time).abs() <= NEAR_S)
+            .map(|(_, ratio)| ratio)
+            .collect();
+        let above = near
+            .iter()
+            .filter(|&&other| other - ratio > OWN_SHARE * loss.mean)
+            .count();
+        -ratio > self.plan.alarm.limit_loss && above >= FEWEST && 2 * above > near.len()
+    }
+
     /// Law of a record after a long silence beside the other rods' latest ones; `None` with too few of them.
     fn law_beside_others(&self, pending: &Pending, before: &[Period], others: &Others) -> Option<Law> {
         let mut laws: Vec<Law> = others
             .rods()
             .filter_map(|other| self.law_beside(pending, other, before))
             .collect();
-        let witnesses = WITNESSES.max(laws.len() / 2 + 1);
+        let witnesses = FEWEST.max(laws.len() / 2 + 1);
         let certain = |law: &Law| Loss::from_law(pending.delta, law).certain();
         laws.sort_by(|one, other| certain(other).total_cmp(&certain(one)));
         laws.get(witnesses - 1).copied()
     }
 
-    /// Periods before a silence that ended with a record, or of late: those after it may hold the loss. `None` without one.
+    /// Periods before a silence that ended with a record, or not long before it: those after it may hold the loss. `None` without one.
     fn periods_before_silence(&self, start: Timestamp) -> Option<&[Period]> {
         let periods = &self.state.periods;
+        let earlier = periods.partition_point(|period| period.time() < start);
         let mut later = start;
-        for (place, period) in periods.iter().enumerate().rev() {
+        for (place, period) in periods[..earlier].iter().enumerate().rev() {
             let time = period.time();
             if later.seconds_since(time) >= SILENCE_S {
                 return Some(&periods[..=place]);
@@ -104,7 +128,7 @@ impl Tracker {
         let period_s = self.plan.track.period_s;
         let index = |time| period::index_of(time, period_s);
         let (time, now) = other.latest_record()?;
-        let is_near = pending.start.seconds_since(time).abs() <= COMPARED_S;
+        let is_near = pending.start.seconds_since(time).abs() <= NEAR_S;
         if !is_near || other.drifts() || other.is_in_doubt(index(time), period_s) {
             return None;
         }
@@ -154,8 +178,17 @@ impl Tracker {
             sd: law.sd.hypot(self.state.step_sd()),
             ..law
         });
+        let change = self.change_without_temperature();
+        // The first period that certainly holds the change.
+        let first = change.and_then(|change| {
+            let holds = |period: &&Period| period.time().days() >= change.onset_interval[1];
+            self.state.periods.iter().find(holds)
+        });
+        let before = self.periods_before_silence(first.unwrap_or(period).time());
+        let shows =
+            |ratio: f64, loss: Loss| loss.exceeds(limit) && self.has_fallen(ratio, before, OWN_SHARE, loss);
+        let exceeds = |ratio: f64| law.is_some_and(|law| shows(ratio, Loss::from_law(ratio, &law)));
         let open: Vec<f64> = self.state.open.iter().map(|pending| pending.delta).collect();
-        let exceeds = |ratio: f64| law.is_some_and(|law| Loss::from_law(ratio, &law).exceeds(limit));
         if exceeds(period.delta) && !open.is_empty() && open.iter().copied().all(exceeds) {
             for ratio in std::iter::once(period.delta).chain(open) {
                 let fall = Fall {
@@ -164,7 +197,9 @@ impl Tracker {
                 };
                 self.look_at_loss(fall, law, None, time);
             }
-        } else if let Some(loss) = self.loss_without_temperature() {
+        } else if let Some(loss) = change.as_ref().map(Loss::from)
+            && shows(period.delta, loss)
+        {
             self.find_loss(Some(true), loss, true, time);
         }
     }
@@ -173,6 +208,13 @@ impl Tracker {
     /// ends none.
     pub(super) fn look_at_doubted(&mut self, observation: &Observation, others: &Others) {
         let (time, limit) = (self.known_at(observation.start), self.plan.alarm.limit_loss);
+        // They teach the thermometer's memory nothing.
+        let mut thermometer = self.state.thermometer.clone();
+        let credible = |reading: &&Reading| thermometer.believes(reading);
+        let readings: Vec<Reading> = observation.readings.iter().filter(credible).copied().collect();
+        if self.state.segment.baseline.is_none() {
+            return self.look_early_at_doubted(observation, &readings, others, time);
+        }
         let relative = match self.relative(observation) {
             Some(Ok(relative)) => relative,
             Some(Err(NoRelative::OutsideRange)) => {
@@ -189,18 +231,14 @@ impl Tracker {
         let Some(law) = watch.blind_law(pending.start.days(), pending.delta, pending.sd) else {
             return;
         };
-        // They teach the thermometer's memory nothing.
-        let mut thermometer = self.state.thermometer.clone();
-        let credible = |reading: &&Reading| thermometer.believes(reading);
-        let readings: Vec<Reading> = observation.readings.iter().filter(credible).copied().collect();
         let filters = self.state.filters.advanced(&readings, pending.end);
         let by_temperature = watch
             .law_by_temperature(&pending, &filters)
             .filter(|_| !readings.is_empty());
         let known = by_temperature.map(|law| Loss::from_law(pending.delta, &law));
         let measured = Loss::from_law(pending.delta, &law);
-        let is_told = self.look_beside_others(&pending, fall, known, others, time);
-        self.state.doubted = Some(pending.clone());
+        let is_told = self.look_at_loss_after_silence(&pending, fall, known, others, time);
+        self.state.doubted = Some((pending.start, pending.delta));
         if !is_told {
             if judged(measured, known, limit).0 == Some(true) {
                 self.look_at_loss(fall, Some(law), known, time);

@@ -100,9 +100,9 @@ pub struct State {
     /// Law of the ratio before a large loss that is suspected or stands.
     #[serde(default)]
     pub before: Option<Before>,
-    /// Last record whose clock is doubted.
+    /// Time and N_t / N_0 - 1 of the last record, if its clock is doubted.
     #[serde(default)]
-    pub doubted: Option<Pending>,
+    pub doubted: Option<(Timestamp, f64)>,
     /// Number of the last closed period.
     pub closed: Option<i64>,
     /// Closed periods of this segment, ascending. The store keeps them in rows of their own.
@@ -374,8 +374,8 @@ impl Neighbour for State {
     }
 
     fn latest_record(&self) -> Option<(Timestamp, f64)> {
-        let latest = self.doubted.as_ref().or(self.open.last())?;
-        Some((latest.start, latest.delta))
+        let open = self.open.last().map(|pending| (pending.start, pending.delta));
+        self.doubted.or(open)
     }
 
     fn last_period(&self) -> Option<i64> {

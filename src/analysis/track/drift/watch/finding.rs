@@ -3,7 +3,7 @@
 use super::{DriftWatch, RARER};
 use crate::track::drift::companions;
 use crate::track::drift::others::{MOVING, Movement, Others};
-use crate::track::drift::{Detector, Law};
+use crate::track::drift::{Change, Detector, Law};
 use serde::{Deserialize, Serialize};
 
 /// Number of periods since the last restart after which absence of evidence counts.
@@ -158,11 +158,10 @@ impl DriftWatch {
         is_far && (nearer / farther).abs() < NEARER_SHARE
     }
 
-    /// Size of a change that shows beside the other rods, where there was no temperature, and its standard deviation.
-    pub(crate) fn size_without_temperature(&self) -> Option<(f64, f64)> {
+    /// Change that shows beside the other rods, where there was no temperature.
+    pub(crate) fn change_without_temperature(&self) -> Option<Change> {
         let is_told = self.last.others && !self.last.temperature && self.above.peers_alone;
-        let change = self.change().filter(|_| is_told)?;
-        Some((change.size, change.size_sd))
+        self.change().filter(|_| is_told)
     }
 
     /// Joint finding of the detectors after the last period, `index`. What shows only relative to the median may be another rod;

@@ -230,14 +230,13 @@ def requirements(found):
             hits = sum(rod.delay("drift") <= within + JITTER_DAYS for rod in rods)
             need(interval(hits, len(rods))[1] >= wanted, f"{name}: {hits} of {len(rods)} told within {within} days, wanted {100 * wanted:.0f} %")
         if name == "benign+early10":
-            told = [min((rod.delay(kind) for kind in ("suspected", "limit", "drift")), default=math.inf) for rod in rods]
-            hits = sum(delay <= rod.first_day - rod.change_day for delay, rod in zip(told, rods))
+            hits = sum(any(rod.is_told(kind, 0.0) for kind in ("suspected", "limit", "drift")) for rod in rods)
             need(interval(hits, len(rods))[1] >= 0.99, f"{name}: {hits} of {len(rods)} told with the first record, as `suspected` at least, wanted all")
         if change.step <= -0.03:
             hits = sum(rod.delay("drift") < math.inf or rod.delay("limit") < math.inf for rod in rods)
             need(interval(hits, len(rods))[1] >= 0.99, f"{name}: {hits} of {len(rods)} found, wanted all")
         if change.step <= -0.4:
-            hits = sum(rod.delay("limit") <= rod.first_day - rod.change_day + 1 + JITTER_DAYS for rod in rods)
+            hits = sum(rod.is_told("limit", 1 + JITTER_DAYS) for rod in rods)
             need(interval(hits, len(rods))[1] >= 0.99, f"{name}: {hits} of {len(rods)} told as `limit` within a day of the first record, wanted all")
         if change.is_axial:
             wrong, said = sum(rod.denies_force for rod in rods), "not the force alone"

@@ -58,6 +58,11 @@ class Rod:
         day = self.told(kind, self.change_day)
         return math.inf if day is None else day - self.change_day
 
+    def is_told(self, kind, days):
+        """Whether this kind was told within some days of the first record that shows the change."""
+        day = self.told(kind, self.change_day)
+        return day is not None and day <= self.first_day + days
+
 
 def day_of(start, text):
     return (datetime.fromisoformat(text.replace("Z", "+00:00")) - start).total_seconds() / DAY_S

@@ -70,6 +70,9 @@ pub trait Neighbour: Debug + Sync {
     /// Time of its latest record that is in no closed period, of a doubted clock, too, and N_t / N_0 - 1.
     fn latest_record(&self) -> Option<(Timestamp, f64)>;
 
+    /// Time of its last record, if the clock of that is doubted, and the loss that it shows by its temperature, with its standard deviation.
+    fn doubted_loss(&self) -> Option<(Timestamp, f64, f64)>;
+
     /// Number of the last period that ended; `None` before the first.
     fn last_period(&self) -> Option<i64>;
 

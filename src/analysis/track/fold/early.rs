@@ -7,10 +7,11 @@
 
 use super::change::change_told;
 use super::learning::mean_temperature;
-use super::loss::{Bound, Fall, Loss, Shown, judged};
+use super::loss::{Bound, DECIDES_ALONE, Fall, Loss, Shown, judged};
 use super::monitor::is_suspect;
 use super::packed::Packed;
 use super::plan::TrackPlan;
+use super::silence::Doubted;
 use super::tracker::Tracker;
 use super::wording::sized;
 use crate::signal::record::{Reading, Timestamp};
@@ -296,8 +297,8 @@ impl Tracker {
         shown
     }
 
-    /// Checks a record whose clock is doubted against the provisional baseline, by the record's own readings: without one, the season of the
-    /// silence may have moved the rod as far. It teaches nothing.
+    /// Checks a record whose clock is doubted against the provisional baseline: by its own readings, or by the bound beyond the prepared
+    /// range. It teaches nothing and ends no loss; what stands was learned meanwhile, and is not looked at.
     pub(super) fn look_early_at_doubted(
         &mut self,
         observation: &Observation,
@@ -305,31 +306,48 @@ impl Tracker {
         others: &Others,
         time: Timestamp,
     ) {
+        let limit = self.plan.alarm.limit_loss;
         let Some(mut early) = self.state.early.clone() else {
             return;
         };
+        if self.state.watches.stands(Cause::Loss) {
+            return;
+        }
         let shift = (self.early_shift.take()).unwrap_or_else(|| self.plan.shift(&early.baseline));
         let readings = [&self.state.readings, own].concat();
         let (taken, _) = early.take(&self.plan, &shift, observation, &readings);
         self.early_shift = Some(shift);
+        // The last record that is believed came before it, and may be one of the baseline.
+        let time = time.plus_seconds(1.0);
         let shown = match taken {
             Taken::Within {
                 fall,
                 alone,
                 by_temperature: Some(loss),
             } if !own.is_empty() => {
-                let start = observation.start;
-                self.state.doubted = Some((start, fall.ratio));
-                let (law, known) = if self.falls_alone(start, fall.ratio, loss, others) {
+                let falls_alone = -fall.ratio > limit && self.falls_alone(observation.start, loss, others);
+                self.state.doubted = Some(Doubted::new(observation.start, fall.ratio, Some(loss)));
+                if !loss.exceeds(limit) {
+                    return;
+                }
+                let (law, known) = if falls_alone {
                     (loss.law_of(fall.ratio), None)
                 } else {
                     (alone, Some(loss))
                 };
-                self.look_at_loss(fall, Some(law), known, time);
-                Some(Shown::within(loss, fall, &law, self.plan.alarm.limit_loss))
+                // By itself it decides nothing that its frequencies do not show.
+                let is_trusted = !self.state.thermometer.may_have_died(time);
+                let fall = Fall {
+                    is_agreed: fall.is_agreed && is_trusted && -fall.ratio >= DECIDES_ALONE,
+                    ..fall
+                };
+                if judged(Loss::from_law(fall.ratio, &law), known, limit).0 == Some(true) {
+                    self.look_at_loss(fall, Some(law), known, time);
+                }
+                Some(Shown::within(loss, fall, &law, limit))
             }
-            Taken::Beyond(bound) => self.look_at_bound(bound, time),
-            Taken::Within { .. } | Taken::Without => return,
+            Taken::Beyond(Some(bound)) => self.look_at_bound(Some(bound), time),
+            Taken::Within { .. } | Taken::Beyond(None) | Taken::Without => return,
         };
         self.look_at_suspicion(shown, time);
     }

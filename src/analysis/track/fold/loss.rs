@@ -34,7 +34,7 @@ const FALLEN_SD: f64 = 2.0;
 
 /// Least loss, less [`FALLEN_SD`] standard deviations, that one record decides if its modes agree on it: no weather, no thermometer and no
 /// peak beside the mode's makes it.
-const DECIDES_ALONE: f64 = 0.2;
+pub(super) const DECIDES_ALONE: f64 = 0.2;
 
 /// Fewest modes that agree on the loss of one record: two have one degree of freedom, that a wild peak may fit.
 const AGREEING_MODES: usize = 3;

@@ -20,6 +20,7 @@ use crate::track::drift::period::{self, Pending, Period};
 use crate::track::observation::Observation;
 use crate::track::plausibility::SILENCE_S;
 use crate::track::relative::NoRelative;
+use serde::{Deserialize, Serialize};
 
 /// Largest distance in time of records that are compared \[s\].
 const NEAR_S: f64 = 1.5 * 86_400.0;
@@ -30,6 +31,36 @@ const COMMON_PERIODS: usize = 15;
 /// Least share of a loss beside the others by which a rod's own ratio fell: the season may hide the rest of it, and the others' rise may make
 /// all of it.
 const OWN_SHARE: f64 = 0.5;
+
+/// The same where its temperature shows the loss as well.
+const CONFIRMED_SHARE: f64 = 0.25;
+
+/// Share of a loss that an error of the thermometer makes of any other rod at least, and its standard deviations: temperature moves no rod
+/// three times as far as another.
+const LEAST_SHARE: f64 = 1.0 / 3.0;
+const LEAST_SD: f64 = 2.0;
+
+/// Record of a clock that is doubted.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Doubted {
+    /// Its time.
+    pub(super) start: Timestamp,
+    /// N_t / N_0 - 1.
+    pub(super) delta: f64,
+    /// Loss that it shows by its temperature: mean and standard deviation.
+    #[serde(default)]
+    pub(super) loss: Option<(f64, f64)>,
+}
+
+impl Doubted {
+    pub(super) fn new(start: Timestamp, delta: f64, loss: Option<Loss>) -> Self {
+        Self {
+            start,
+            delta,
+            loss: loss.map(|loss| (loss.mean, loss.sd)),
+        }
+    }
+}
 
 impl Tracker {
     /// Checks the limit by a record after a long silence, beside the other rods' latest ones; returns false if they show no loss beyond it, or
@@ -49,15 +80,15 @@ impl Tracker {
         let Some(before) = self.periods_before_silence(pending.start) else {
             return false;
         };
-        // A loss by its temperature, too, needs no more than a fall.
-        let share = if known.is_some_and(|loss| loss.exceeds(limit)) {
-            0.0
+        let is_confirmed = known.is_some_and(|loss| loss.exceeds(limit));
+        let share = if is_confirmed && !self.state.thermometer.may_have_died(time) {
+            CONFIRMED_SHARE
         } else {
             OWN_SHARE
         };
         let law = self.law_beside_others(pending, before, others).filter(|law| {
             let loss = Loss::from_law(fall.ratio, law);
-            loss.exceeds(limit) && self.has_fallen(fall.ratio, Some(before), share, loss)
+            loss.exceeds(limit) && self.has_fallen(fall.ratio, before, share, loss)
         });
         if law.is_some() {
             // What the rod's own data predicted before is less certain.
@@ -71,26 +102,23 @@ impl Tracker {
     }
 
     /// True if a ratio has itself fallen from the periods before a silence, by the limit and a share of its loss beside the others: they may
-    /// have been tightened in it. True without a silence.
-    fn has_fallen(&self, ratio: f64, before: Option<&[Period]>, share: f64, loss: Loss) -> bool {
-        let Some(before) = before else { return true };
+    /// have been tightened in it.
+    fn has_fallen(&self, ratio: f64, before: &[Period], share: f64, loss: Loss) -> bool {
         let level = before.iter().map(|period| period.delta).sum::<f64>() / before.len() as f64;
         level - ratio > self.plan.alarm.limit_loss.max(share * loss.mean)
     }
 
-    /// True if a ratio fell by more than the limit, and beside most of the other rods' latest records, two at least, by more than half of a loss:
-    /// the season moves them all, and another thermometer none.
-    pub(super) fn falls_alone(&self, start: Timestamp, ratio: f64, loss: Loss, others: &Others) -> bool {
-        let near: Vec<f64> = (others.rods())
-            .filter_map(|other| other.latest_record())
-            .filter(|(time, _)| start.seconds_since(*time).abs() <= NEAR_S)
-            .map(|(_, ratio)| ratio)
+    /// True if most of the other rods, two at least, show by their temperature nothing like a loss that one shows by its own while all clocks are
+    /// doubted: another thermometer makes a loss of each.
+    pub(super) fn falls_alone(&self, start: Timestamp, loss: Loss, others: &Others) -> bool {
+        let near: Vec<_> = (others.rods())
+            .filter_map(|other| other.doubted_loss())
+            .filter(|(time, ..)| start.seconds_since(*time).abs() <= NEAR_S)
             .collect();
-        let above = near
-            .iter()
-            .filter(|&&other| other - ratio > OWN_SHARE * loss.mean)
+        let unlike = (near.iter())
+            .filter(|(_, mean, sd)| mean.abs() + LEAST_SD * sd < LEAST_SHARE * loss.mean)
             .count();
-        -ratio > self.plan.alarm.limit_loss && above >= FEWEST && 2 * above > near.len()
+        unlike >= FEWEST && 2 * unlike > near.len()
     }
 
     /// Law of a record after a long silence beside the other rods' latest ones; `None` with too few of them.
@@ -185,8 +213,10 @@ impl Tracker {
             self.state.periods.iter().find(holds)
         });
         let before = self.periods_before_silence(first.unwrap_or(period).time());
-        let shows =
-            |ratio: f64, loss: Loss| loss.exceeds(limit) && self.has_fallen(ratio, before, OWN_SHARE, loss);
+        let shows = |ratio: f64, loss: Loss| {
+            let has_fallen = |before| self.has_fallen(ratio, before, OWN_SHARE, loss);
+            loss.exceeds(limit) && before.is_none_or(has_fallen)
+        };
         let exceeds = |ratio: f64| law.is_some_and(|law| shows(ratio, Loss::from_law(ratio, &law)));
         let open: Vec<f64> = self.state.open.iter().map(|pending| pending.delta).collect();
         if exceeds(period.delta) && !open.is_empty() && open.iter().copied().all(exceeds) {
@@ -238,7 +268,7 @@ impl Tracker {
         let known = by_temperature.map(|law| Loss::from_law(pending.delta, &law));
         let measured = Loss::from_law(pending.delta, &law);
         let is_told = self.look_at_loss_after_silence(&pending, fall, known, others, time);
-        self.state.doubted = Some((pending.start, pending.delta));
+        self.state.doubted = Some(Doubted::new(pending.start, pending.delta, known));
         if !is_told {
             if judged(measured, known, limit).0 == Some(true) {
                 self.look_at_loss(fall, Some(law), known, time);

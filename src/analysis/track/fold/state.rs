@@ -4,6 +4,7 @@ use super::early::EarlyWatch;
 use super::loss::Before;
 use super::packed::Packed;
 use super::scatter::Scatter;
+use super::silence::Doubted;
 use super::verdict::RodState;
 use crate::signal::record::{Reading, RodId, Timestamp};
 use crate::track::alarm::{Alarm, Cause, Kind, Watches};
@@ -100,9 +101,9 @@ pub struct State {
     /// Law of the ratio before a large loss that is suspected or stands.
     #[serde(default)]
     pub before: Option<Before>,
-    /// Time and N_t / N_0 - 1 of the last record, if its clock is doubted.
+    /// Last record, if its clock is doubted.
     #[serde(default)]
-    pub doubted: Option<(Timestamp, f64)>,
+    pub doubted: Option<Doubted>,
     /// Number of the last closed period.
     pub closed: Option<i64>,
     /// Closed periods of this segment, ascending. The store keeps them in rows of their own.
@@ -375,7 +376,15 @@ impl Neighbour for State {
 
     fn latest_record(&self) -> Option<(Timestamp, f64)> {
         let open = self.open.last().map(|pending| (pending.start, pending.delta));
-        self.doubted.or(open)
+        self.doubted
+            .map(|doubted| (doubted.start, doubted.delta))
+            .or(open)
+    }
+
+    fn doubted_loss(&self) -> Option<(Timestamp, f64, f64)> {
+        let doubted = self.doubted?;
+        let (mean, sd) = doubted.loss?;
+        Some((doubted.start, mean, sd))
     }
 
     fn last_period(&self) -> Option<i64> {

@@ -186,20 +186,3 @@ fn limits(verdicts: &[(f64, RodId, Verdict)]) -> impl Iterator<Item = (f64, &Ala
         .filter(|(_, event)| event.what == What::Raised && event.alarm.kind == Kind::Limit)
         .map(|(day, event)| (day, &event.alarm))
 }
-
-/// The early watch has learned it as the level by then.
-#[test]
-fn a_loss_before_a_silence_while_learning_is_ended_by_no_doubted_record() {
-    let scenario = Scenario::new(170).step(8.5, -0.4);
-    let observations = but_for(&scenario.observations(612), 20..140);
-    let (tracker, verdicts) = scenario.follow(&observations);
-    let baseline = tracker.state().segment.baseline.as_ref().unwrap();
-    assert!((8..=9).contains(&baseline.records), "{}", baseline.records);
-    let events = verdicts.iter().flat_map(|verdict| &verdict.events);
-    let limits: Vec<_> = events
-        .filter(|event| event.alarm.kind == Kind::Limit)
-        .map(|event| event.what)
-        .collect();
-    assert!(limits.contains(&What::Raised), "{limits:?}");
-    assert!(!limits.contains(&What::Cleared), "{limits:?}");
-}

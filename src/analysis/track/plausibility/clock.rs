@@ -9,7 +9,7 @@ pub const JUMP_S: f64 = 90.0 * 86_400.0;
 
 /// Longest silence that a site may have had \[s\]: it ends a baseline with the records before it, and other rods confirm its end. Behind a
 /// longer one the clock was wrong, most likely.
-pub(in crate::track) const LONGEST_SILENCE_S: f64 = 3.0 * 365.25 * 86_400.0;
+pub(crate) const LONGEST_SILENCE_S: f64 = 3.0 * 365.25 * 86_400.0;
 
 impl Plausibility {
     /// True while a time far ahead is doubted: until another rod's records are believed as far, or more than `patience` records in a row
@@ -58,7 +58,7 @@ impl Plausibility {
     }
 
     /// True if the last record was one of this time, which was doubted.
-    pub(in crate::track) fn is_doubted_at(&self, start: Timestamp) -> bool {
+    pub(crate) fn is_doubted_at(&self, start: Timestamp) -> bool {
         self.ahead.is_some_and(|(last, _)| last == start)
     }
 

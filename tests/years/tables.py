@@ -232,6 +232,8 @@ def requirements(found):
         if name == "benign+early10":
             hits = sum(any(rod.is_told(kind, 0.0) for kind in ("suspected", "limit", "drift")) for rod in rods)
             need(interval(hits, len(rods))[1] >= 0.99, f"{name}: {hits} of {len(rods)} told with the first record, as `suspected` at least, wanted all")
+            hits = sum(rod.is_told("drift", 1 + JITTER_DAYS) for rod in rods)
+            need(interval(hits, len(rods))[1] >= 0.99, f"{name}: {hits} of {len(rods)} told as `drift` within a day of the first record, wanted all")
         if change.step <= -0.03:
             hits = sum(rod.delay("drift") < math.inf or rod.delay("limit") < math.inf for rod in rods)
             need(interval(hits, len(rods))[1] >= 0.99, f"{name}: {hits} of {len(rods)} found, wanted all")

@@ -48,11 +48,10 @@ impl Neighbour for Rod {
     fn latest_deviations(&self, _: f64) -> [Option<(f64, f64)>; 2] {
         [self.off, None]
     }
-    fn doubted_loss(&self) -> Option<(Timestamp, f64, f64)> {
+    fn latest_record(&self) -> Option<(Timestamp, f64)> {
         None
     }
-
-    fn latest_record(&self) -> Option<(Timestamp, f64)> {
+    fn doubted_loss(&self) -> Option<(Timestamp, f64, f64)> {
         None
     }
     fn last_period(&self) -> Option<i64> {

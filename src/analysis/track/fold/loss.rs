@@ -8,6 +8,8 @@
 //! suspicious record ([`Before`]): the detector without temperature learns a lasting loss as normal within days. With a temperature,
 //! the loss at the reference temperature must be certain as well, and the frequencies themselves must have fallen: a thermometer
 //! that was replaced or moved to a colder place moves the first alone.
+//!
+//! Two records decide; one, if three modes or more agree on a loss of a fifth that shows in the frequencies themselves.
 
 use super::change::SIGNAL_NOT_AXIAL_P;
 use super::tracker::{LOSS_RECORDS, Tracker};

@@ -9,6 +9,8 @@
 //!
 //! without a temperature, whatever was learned of it. A loss counts as large as it shows beside most of them, two at least: beside one
 //! other rod nothing tells which of the two moved.
+//!
+//! Records whose clock is doubted ([`Doubted`]) are looked at as well: the loss may have come with the silence that makes it doubtful.
 
 use super::loss::{Fall, Loss, Shown, judged};
 use super::tracker::Tracker;

@@ -30,6 +30,13 @@ const STARTS: usize = 5;
 
 /// Most steps of a refinement.
 const STEPS: usize = 25;
+/// Squared distance at which a search ends: a hundredth of a standard deviation.
+const NEGLIGIBLE: f64 = 1e-4;
+/// Relative gain of a step below which a refinement ends.
+const LEAST_GAIN: f64 = 1e-5;
+/// A refinement that has come down to the best known distance, but for this share, ends sooner: below [`GAIN_BESIDE`].
+const BESIDE: f64 = 1e-3;
+const GAIN_BESIDE: f64 = 1e-2;
 
 /// Distance of an observation from everything the model can produce.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -114,12 +121,13 @@ pub(super) fn nearest(orders: &[usize], frequency_hz: &[f64], sd_hz: &[f64]) -> 
     };
     let mut best: Option<Fit> = None;
     for start in data.starts() {
-        let fit = refine(&data, start);
-        if best.as_ref().is_none_or(|best| fit.squared < best.squared) {
-            best = Some(fit);
-        }
-        if best.as_ref().is_some_and(|best| best.squared < 1e-6) {
+        let known = best.map_or(f64::INFINITY, |best: Fit| best.squared);
+        if known < NEGLIGIBLE {
             break;
+        }
+        let fit = refine(&data, start, known);
+        if best.is_none() || fit.squared < known {
+            best = Some(fit);
         }
     }
     let best = best.unwrap_or_default();
@@ -173,8 +181,13 @@ fn floored(frequency_hz: &[f64], sd_hz: &[f64]) -> Vec<f64> {
 /// k / (k + sqrt(EI N) + EI / l), from hinge to clamp at any tension.
 type Point = [f64; 3];
 
-/// n G_n of some modes, counted from zero, at a point, up to a common factor; those of the others stay zero.
-fn pattern(modes: impl Iterator<Item = usize>, point: Point) -> [f64; MAX_MODES] {
+/// n G_n of some modes, counted from zero, at a point, up to a common factor, and their wavenumbers; zero for the others. Wavenumbers
+/// `near`, zero where none is known, save time.
+fn pattern(
+    modes: impl Iterator<Item = usize>,
+    point: Point,
+    near: &[f64; MAX_MODES],
+) -> [[f64; MAX_MODES]; 2] {
     let u = point[0].clamp(1e-7, 1.0 - 1e-4);
     let lambda = 0.1 * u / (1.0 - u);
     let supports = [point[1], point[2]].map(|fixity| {
@@ -182,12 +195,16 @@ fn pattern(modes: impl Iterator<Item = usize>, point: Point) -> [f64; MAX_MODES]
         Support::from_stiffness(stiffness, 1.0)
     });
     let tension = 1.0 / (lambda * lambda);
-    let mut pattern = [0.0; MAX_MODES];
+    let [mut pattern, mut wavenumbers] = [[0.0; MAX_MODES]; 2];
     for i in modes {
-        let wavenumber = exact::wavenumber(i + 1, tension, &supports);
+        let wavenumber = match near[i] {
+            0.0 => exact::wavenumber(i + 1, tension, &supports),
+            near => exact::wavenumber_near(i + 1, tension, &supports, near),
+        };
         pattern[i] = wavenumber / PI * (1.0 + (lambda * wavenumber).powi(2)).sqrt();
+        wavenumbers[i] = wavenumber;
     }
-    pattern
+    [pattern, wavenumbers]
 }
 
 /// Pairs of fixities of the grid; a beam and its mirror image have the same frequencies.
@@ -212,10 +229,18 @@ fn grid_tension(i: f64) -> f64 {
 fn grid(mode: usize) -> &'static [[f64; TENSIONS]] {
     static GRID: [OnceLock<Vec<[f64; TENSIONS]>>; MAX_MODES] = [const { OnceLock::new() }; MAX_MODES];
     GRID[mode].get_or_init(|| {
-        let value = |fixities: [usize; 2], i: usize| {
-            pattern(std::iter::once(mode), at(fixities, grid_tension(i as f64)))[mode]
+        let line = |&fixities: &[usize; 2]| {
+            let (mut near, mut before) = ([0.0; MAX_MODES], 0.0);
+            std::array::from_fn(|i| {
+                let point = at(fixities, grid_tension(i as f64));
+                let [pattern, wavenumbers] = pattern(std::iter::once(mode), point, &near);
+                let here = wavenumbers[mode];
+                // On the straight line through the last two.
+                near[mode] = if i > 0 { 2.0 * here - before } else { here };
+                before = here;
+                pattern[mode]
+            })
         };
-        let line = |&fixities: &[usize; 2]| std::array::from_fn(|i| value(fixities, i));
         LINES.iter().map(line).collect()
     })
 }
@@ -231,11 +256,12 @@ struct Data<'a> {
 struct Fit {
     squared: f64,
     residuals: [f64; MAX_MODES],
+    wavenumbers: [f64; MAX_MODES],
 }
 
 impl Data<'_> {
     /// Fits the best scale c = sum f g / sd^2 / sum g^2 / sd^2, with its residuals.
-    fn fit(&self, pattern: &[f64; MAX_MODES]) -> Fit {
+    fn fit(&self, [pattern, wavenumbers]: [[f64; MAX_MODES]; 2]) -> Fit {
         let (mut fg, mut gg) = (0.0, 0.0);
         for ((&order, f), sd) in self.orders.iter().zip(self.frequency_hz).zip(self.sd_hz) {
             let g = pattern[order - 1] / sd;
@@ -243,7 +269,10 @@ impl Data<'_> {
             gg += g * g;
         }
         let scale = fg / gg;
-        let mut fit = Fit::default();
+        let mut fit = Fit {
+            wavenumbers,
+            ..Fit::default()
+        };
         for (i, ((&order, f), sd)) in self
             .orders
             .iter()
@@ -318,26 +347,27 @@ impl Data<'_> {
         best
     }
 
-    fn at(&self, point: Point) -> Fit {
-        self.fit(&pattern(self.orders.iter().map(|order| order - 1), point))
+    /// The fit at a point, sooner with the wavenumbers of one close to it.
+    fn at(&self, point: Point, near: &[f64; MAX_MODES]) -> Fit {
+        self.fit(pattern(self.orders.iter().map(|order| order - 1), point, near))
     }
 }
 
 /// Levenberg's method inside the unit cube, the scale eliminated; a coordinate at a face is fixed while the
-/// descent points out of the cube.
-fn refine(data: &Data<'_>, start: Point) -> Fit {
+/// descent points out of the cube. `known` is the least squared distance found before.
+fn refine(data: &Data<'_>, start: Point, known: f64) -> Fit {
     let mut point = start;
-    let mut fit = data.at(point);
+    let mut fit = data.at(point, &[0.0; MAX_MODES]);
     let mut damping = 1e-3;
     for _ in 0..STEPS {
-        if fit.squared < 1e-8 {
+        if fit.squared < NEGLIGIBLE {
             break;
         }
         let jacobian: [[f64; MAX_MODES]; 3] = std::array::from_fn(|axis| {
             let mut moved = point;
             let step = if point[axis] > 0.5 { -1e-6 } else { 1e-6 };
             moved[axis] += step;
-            let there = data.at(moved);
+            let there = data.at(moved, &fit.wavenumbers);
             std::array::from_fn(|i| (there.residuals[i] - fit.residuals[i]) / step)
         });
         let dot =
@@ -368,7 +398,7 @@ fn refine(data: &Data<'_>, start: Point) -> Fit {
                 continue;
             };
             let trial: Point = std::array::from_fn(|axis| (point[axis] + step[axis]).clamp(0.0, 1.0));
-            let there = data.at(trial);
+            let there = data.at(trial, &fit.wavenumbers);
             if there.squared < fit.squared {
                 (point, fit) = (trial, there);
                 damping = (damping * 0.2).max(1e-12);
@@ -377,7 +407,9 @@ fn refine(data: &Data<'_>, start: Point) -> Fit {
             }
             damping *= 10.0;
         }
-        if !improved || before - fit.squared < 1e-9 * before {
+        let is_known = (known..(1.0 + BESIDE) * known).contains(&fit.squared);
+        let least = if is_known { GAIN_BESIDE } else { LEAST_GAIN };
+        if !improved || before - fit.squared < least * before {
             break;
         }
     }
@@ -418,7 +450,7 @@ mod tests {
     fn rod(generator: &mut impl rand::Rng) -> [f64; MAX_MODES] {
         use rand::RngExt;
         let point = [generator.random(), generator.random(), generator.random()];
-        pattern(0..MAX_MODES, point).map(|g| 4.5 * g)
+        pattern(0..MAX_MODES, point, &[0.0; MAX_MODES])[0].map(|g| 4.5 * g)
     }
 
     /// Any subset of at least one mode.
@@ -488,7 +520,7 @@ mod tests {
                         true => generator.random(),
                         false => (x + reach * (2.0 * generator.random::<f64>() - 1.0)).clamp(0.0, 1.0),
                     });
-                    let squared = data.at(point).squared;
+                    let squared = data.at(point, &[0.0; MAX_MODES]).squared;
                     if squared < best.0 {
                         best = (squared, point);
                     }

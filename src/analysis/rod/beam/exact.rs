@@ -62,6 +62,11 @@ pub fn wavenumber(order: usize, tension: f64, supports: &[Support; 2]) -> f64 {
     wavenumber_from(order, tension, supports, None)
 }
 
+/// The same, sooner where it is close to `near`.
+pub fn wavenumber_near(order: usize, tension: f64, supports: &[Support; 2], near: f64) -> f64 {
+    wavenumber_from(order, tension, supports, Some(near - order as f64 * PI))
+}
+
 /// A support as the ratio of the beam's bending stiffness EI / l to its rotational stiffness k.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Support {
@@ -257,6 +262,31 @@ mod tests {
         let mut f = [0.0; 5];
         frequencies(beam, &mut f).unwrap();
         f
+    }
+
+    #[test]
+    fn a_wavenumber_is_the_same_from_wherever_it_is_sought() {
+        for (stiffness, tension) in [
+            (0.0, 0.0),
+            (0.0, 100.0),
+            (3.0, 0.01),
+            (3.0, 1e6),
+            (1e9, 0.0),
+            (1e9, 40.0),
+        ] {
+            let supports = [stiffness, 0.3 * stiffness].map(|k| Support::from_stiffness(k, 1.0));
+            for order in 1..=5 {
+                let found = wavenumber(order, tension, &supports);
+                for near in [0.0, 0.9 * found, found, 1.000_001 * found, 3.0 * found] {
+                    // A handful of roundings.
+                    let again = wavenumber_near(order, tension, &supports, near);
+                    assert!(
+                        (again / found - 1.0).abs() < 1e-14,
+                        "{order} {stiffness} {tension} {near}"
+                    );
+                }
+            }
+        }
     }
 
     #[test]

@@ -201,6 +201,42 @@ impl Band {
         self.lines += cell.lines;
     }
 
+    /// The same lines in wider cells: neighbours are added up as long as a cell stays within `width_hz` of its frequency, as
+    /// [`Coefficients::band`] does.
+    pub fn merged(&self, width_hz: impl Fn(f64) -> f64) -> Self {
+        let mut merged = Self {
+            cells: 0,
+            lines: 0.0,
+            blocks: Vec::new(),
+            ..*self
+        };
+        let mut cells = self.cells().peekable();
+        while let Some(first) = cells.next() {
+            // A line is as wide as its distance from the next, up to rounding.
+            let end_hz = first.frequency_hz + width_hz(first.frequency_hz) - (1.0 - 1e-6) / self.duration_s;
+            let mut sum = first;
+            let mut weighted = [first.frequency_hz, first.x, first.floor].map(|value| first.lines * value);
+            while let Some(next) = cells.next_if(|next| next.frequency_hz < end_hz) {
+                sum.lines += next.lines;
+                sum.re += next.re;
+                sum.im += next.im;
+                sum.power += next.power;
+                let more = [next.frequency_hz, next.x, next.floor].map(|value| next.lines * value);
+                weighted = std::array::from_fn(|i| weighted[i] + more[i]);
+            }
+            if sum.lines > first.lines {
+                [sum.frequency_hz, sum.x, sum.floor] = weighted.map(|value| value / sum.lines);
+            }
+            merged.push(&sum);
+        }
+        merged
+    }
+
+    /// True for a frequency \[Hz\] more than a hundredth of a line inside the band.
+    pub fn holds(&self, hz: f64) -> bool {
+        self.half_width_hz - (hz - self.middle_hz).abs() > 0.01 / self.duration_s
+    }
+
     /// The cells side by side, in ascending frequency.
     pub fn blocks(&self) -> &[Block] {
         &self.blocks
@@ -231,5 +267,42 @@ impl Band {
         }
         let (_, value, _) = powers.select_nth_unstable_by(fifth, f64::total_cmp);
         (*value / 0.223).max(f64::MIN_POSITIVE)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wider_cells_hold_the_same_lines() {
+        let lines = (0..400).map(|i| Complex::new(f64::from(i).sin(), f64::from(i * i).cos()));
+        let coefficients = Coefficients {
+            duration_s: 20.0,
+            lines: lines.collect(),
+        };
+        let fine = coefficients.band(2.0, 18.0, &[], |_| 0.0);
+        // Three lines a cell, from 10 Hz on.
+        let wide = |f: f64| if f < 9.99 { 0.0 } else { 0.199 };
+        let merged = fine.merged(wide);
+        let direct = coefficients.band(2.0, 18.0, &[], wide);
+        assert_eq!(merged.cells().count(), 160 + 54);
+        assert_eq!((merged.lines, merged.largest), (fine.lines, fine.largest));
+        for (a, b) in merged.cells().zip(direct.cells()) {
+            assert_eq!((a.lines, a.re, a.power), (b.lines, b.re, b.power));
+        }
+        let sum = |band: &Band, of: fn(Cell) -> f64| band.cells().map(of).sum::<f64>();
+        let sums: [fn(Cell) -> f64; 5] = [
+            |c| c.re,
+            |c| c.im,
+            |c| c.power,
+            |c| c.lines * c.x,
+            |c| c.lines * c.frequency_hz,
+        ];
+        for of in sums {
+            // Rounding of a sum of 321 terms.
+            assert!((sum(&merged, of) - sum(&fine, of)).abs() < 1e-9);
+        }
+        assert!(merged.cells().all(|cell| cell.floor == 1.0));
     }
 }

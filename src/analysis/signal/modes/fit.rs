@@ -64,6 +64,11 @@ impl Fit {
         }
     }
 
+    /// True if the other's peak lies within the half width of the band that was wanted for this one.
+    fn is_near(&self, other: &Self) -> bool {
+        (other.resonance.frequency_hz - self.resonance.frequency_hz).abs() < self.half_width_hz
+    }
+
     /// Transient of a softened decay at `f` less that of a linear decay of the same beginning.
     fn beyond_linear(&self, f: f64) -> Complex<f64> {
         self.softened.map_or(Complex::default(), |softened| {
@@ -113,6 +118,7 @@ impl Stretch<'_> {
                 None
             } else {
                 self.best(aim, &fits)
+                    .filter(|found| !found.is_at_edge())
                     .and_then(|found| Some((self.provisional(&found)?, found)))
                     .filter(|(fit, _)| {
                         !fits
@@ -142,7 +148,10 @@ impl Stretch<'_> {
                 .filter(|(m, _)| *m != n)
                 .filter_map(|(_, fit)| *fit)
                 .collect();
-            let fit = place.as_ref().and_then(|place| self.with_error(place, &others));
+            let higher: Vec<Fit> = fits[..n].iter().flatten().copied().collect();
+            let fit = place
+                .as_ref()
+                .and_then(|place| self.with_error(place, &others, &higher));
             // A fit that was made alone may have spanned a tone and a mode. The mode is judged beside the tone, not beside the span;
             // and beside nothing that is none.
             if fit.is_none_or(|fit| fit.resonance.line) {
@@ -153,7 +162,8 @@ impl Stretch<'_> {
         judged
     }
 
-    fn with_error(&self, place: &Place, others: &[Fit]) -> Option<Fit> {
+    /// Fit of a place beside the `others`, of which some have `higher` peaks.
+    fn with_error(&self, place: &Place, others: &[Fit], higher: &[Fit]) -> Option<Fit> {
         if !self.disturbed(&place.fit, others) {
             return self.judged(&place.found, others);
         }
@@ -162,7 +172,13 @@ impl Stretch<'_> {
             before: Some(place.fit.parameters),
         };
         let level = Some(place.fit.value.noise);
-        self.judged(&self.maximum(aim, place.found.start, others, level)?, others)
+        let found = self.maximum(aim, place.found.start, others, level)?;
+        if !found.is_at_edge() {
+            return self.judged(&found, others);
+        }
+        // Driven to the edge by lower peaks alone, which are parts of its skirts, it keeps the fit that it had without them.
+        let is_highest = !higher.iter().any(|other| place.fit.is_near(other));
+        is_highest.then(|| self.judged(&place.found, others))?
     }
 
     /// Time series of a resonance, less the transients of the others and all that is smooth across its band;

@@ -31,8 +31,6 @@ const SOFTENING_MATTERS: f64 = 5e-4;
 /// Twice the log-posterior gain by softening above which a decay counts as softening where only its shape
 /// matters: two standard deviations.
 const MOVES: f64 = 4.0;
-/// Effective points of the first round that are enough for the moments of a decay: its standard error to 10 %.
-const ENOUGH: f64 = 45.0;
 
 /// A maximum of the likelihood, with the band it was found in.
 pub struct Found {
@@ -54,6 +52,11 @@ impl Found {
     pub fn parameters(&self) -> Parameters {
         let linear = Parameters::from_array(self.top.at, 0.0);
         self.softened.map_or(linear, |top| softened_at(&top.at, linear))
+    }
+
+    /// True if it lies at the band's edge: it is that of a peak outside, and where the likelihood ends passes for a curvature.
+    pub fn is_at_edge(&self) -> bool {
+        !self.band.holds(self.parameters().frequency_hz)
     }
 
     /// The covariance at the maximum.
@@ -285,7 +288,7 @@ impl Stretch<'_> {
             .or_else(|| softened(found, &first_step(found, 0.0)?));
         if let Some(top) = &top {
             let linear = Parameters::from_array(found.top.at, 0.0);
-            let posterior = moments(|x| softened_posterior(&found.band, x, linear), top, ENOUGH);
+            let posterior = moments(|x| softened_posterior(&found.band, x, linear), top);
             let (at, covariance) = posterior.map_or((top.at, top.covariance), |p| (p.mean, p.covariance));
             let wider = 1.0 + 0.6 * covariance[(2, 2)].min(0.15);
             let slope = covariance[(0, 3)] / covariance[(3, 3)];
@@ -307,8 +310,8 @@ impl Stretch<'_> {
         let (mut at, mut covariance) = (top.at, top.covariance);
         let wide = |i: usize, limit: f64| top.covariance[(i, i)] > limit * limit;
         let posterior = match found.start {
-            Start::Free => moments(log_posterior, top, f64::INFINITY),
-            Start::Stationary if wide(1, 0.12) || wide(2, 0.7) => moments(log_posterior, top, f64::INFINITY),
+            Start::Free => moments(log_posterior, top),
+            Start::Stationary if wide(1, 0.12) || wide(2, 0.7) => moments(log_posterior, top),
             Start::Stationary => None,
         };
         if let Some(posterior) = posterior {

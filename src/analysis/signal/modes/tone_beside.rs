@@ -39,7 +39,12 @@ const MOST_TRIALS: usize = 3;
 const NEAR_LINES: f64 = 8.0;
 /// Lines to either side of a tone that its amplitude takes up; they are left out of the fits beside it.
 const CORE_LINES: f64 = 1.0;
-/// Lines over which the rest is averaged to find the resonance in it.
+/// Widest cell of lines beside a tone, as a share of its frequency: a tenth of the half-power half-width of a mode with a damping of
+/// 0.06 %.
+const CELL: f64 = 6e-5;
+/// The same, as a share of its distance from the tone: what leaks from it changes by as much across the cell, which looks like noise.
+const CELL_BESIDE: f64 = 0.05;
+/// Cells over which the rest is averaged to find the resonance in it.
 const SMOOTHED: usize = 7;
 
 /// A sinusoid that goes on from the first sample to the last.
@@ -119,6 +124,7 @@ impl Stretch<'_> {
             range_hz: ((f - half_hz).max(limits.0), (f + half_hz).min(limits.1)),
             others,
             level: fit.value.noise,
+            start: fit.start,
         };
         let whole = bands.lines(None);
         let p = &fit.parameters;
@@ -140,17 +146,20 @@ impl Stretch<'_> {
         }
         let trials = places_hz.into_iter().filter_map(|hz| bands.trial(&whole, hz));
         let best = trials.max_by(|a, b| a.explained.total_cmp(&b.explained))?;
+        let whole = bands.coarse(whole, best.tone_hz);
+        let explained = |p: &Parameters| Some(explained(&likelihood::resonance(&whole, fit.start, p)?, p));
+        // The best single resonance explains no less than the fit does: mostly that is enough.
+        let fitted = explained(p).unwrap_or(f64::NEG_INFINITY);
+        if best.explained - fitted <= OPEN {
+            return Some(Beside::Nothing);
+        }
         // A fit that spans two peaks may not be the best of one.
         let anew = highest(&whole).and_then(|hz| self.start(&whole, hz, fit.start));
-        let alone = [Some(*p), anew]
-            .into_iter()
-            .flatten()
-            .filter_map(|from| {
-                let top = self.climb(&whole, from, fit.start);
-                let p = top.map_or(from, |top| Parameters::from_array(top.at, from.softening));
-                Some(explained(&likelihood::resonance(&whole, fit.start, &p)?, &p))
-            })
-            .reduce(f64::max)?;
+        let climbed = [Some(*p), anew].into_iter().flatten().filter_map(|from| {
+            let top = self.climb(&whole, from, fit.start);
+            explained(&top.map_or(from, |top| Parameters::from_array(top.at, from.softening)))
+        });
+        let alone = climbed.fold(fitted, f64::max);
         let gain = best.explained - alone;
         let is_pair = || match self.pair(fit, None, others) {
             Pair::Two {
@@ -184,6 +193,7 @@ struct Bands<'a> {
     range_hz: (f64, f64),
     others: &'a [Fit],
     level: f64,
+    start: Start,
 }
 
 /// A tone and a resonance fitted to the lines of one band.
@@ -212,6 +222,15 @@ impl Bands<'_> {
         1.0 / self.stretch.coefficients.duration_s
     }
 
+    /// The band with the lines far from a tone added up, of which a long record has very many. Not for a decay, far above the noise,
+    /// whose detail would look like it.
+    fn coarse(&self, band: Band, tone_hz: f64) -> Band {
+        match self.start {
+            Start::Stationary => band.merged(|f| (CELL * f).min(CELL_BESIDE * (f - tone_hz).abs())),
+            Start::Free => band,
+        }
+    }
+
     /// The band without its core, and whole, less a tone.
     fn less(&self, whole: &Band, tone_hz: f64, amplitude: Complex<f64>) -> [Band; 2] {
         let line_hz = self.line_hz();
@@ -227,9 +246,13 @@ impl Bands<'_> {
     /// Tone near a line, and the best resonance in what is left without it, if one is left.
     fn trial(&self, whole: &Band, near_hz: f64) -> Option<Trial> {
         let (tone_hz, amplitude) = strongest(whole, near_hz, self.line_hz());
-        let [open, rest] = self.less(whole, tone_hz, amplitude);
+        let bands = self.less(whole, tone_hz, amplitude);
+        let [open, rest] = bands.map(|band| self.coarse(band, tone_hz));
         let start = self.stretch.start(&open, highest(&open)?, Start::Stationary)?;
         let top = self.stretch.climb(&open, start, Start::Stationary)?;
+        if !open.holds(top.at[0]) {
+            return None;
+        }
         let beside = Parameters::from_array(top.at, 0.0);
         let value = likelihood::resonance(&rest, Start::Stationary, &beside)?;
         let nothing = [0.0, beside.slope].map(|slope| likelihood::noise_only(&rest, slope));
@@ -343,7 +366,8 @@ fn highest(band: &Band) -> Option<f64> {
         .windows(SMOOTHED.min(cells.len()).max(1))
         .map(|window| {
             let power: f64 = window.iter().map(|cell| cell.power / cell.floor).sum();
-            (power, window[window.len() / 2].frequency_hz)
+            let lines: f64 = window.iter().map(|cell| cell.lines).sum();
+            (power / lines, window[window.len() / 2].frequency_hz)
         })
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, hz)| hz)

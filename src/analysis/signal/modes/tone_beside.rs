@@ -160,6 +160,10 @@ impl Stretch<'_> {
             explained(&top.map_or(from, |top| Parameters::from_array(top.at, from.softening)))
         });
         let alone = climbed.fold(fitted, f64::max);
+        // Without any single resonance to compare with, nothing is known to be gained.
+        if alone == f64::NEG_INFINITY {
+            return None;
+        }
         let gain = best.explained - alone;
         let is_pair = || match self.pair(fit, None, others) {
             Pair::Two {

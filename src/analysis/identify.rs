@@ -1,6 +1,7 @@
 //! A plan once per rod, then one pure `run` per record: displacement to axial force.
 
 mod array;
+mod ratios;
 
 pub use array::{ArrayResult, Joint, LeftOut, Sensed, Sensor, Sensors};
 

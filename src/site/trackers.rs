@@ -1,23 +1,25 @@
 //! One site: the trackers of its rods, folded in the order records come, and the store they commit to.
 
+mod open;
+mod view;
+
+pub use open::others_in;
+
 use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{Reading, RodId, Timestamp, is_one_motion};
-use crate::analysis::track::alarm::Board;
-use crate::analysis::track::{AlarmEvent, Kind, RodState, State, TrackPlan, Tracker, Verdict};
+use crate::analysis::track::{AlarmEvent, RodState, State, Tracker, Verdict};
 use crate::site::analyse::Analysed;
 use crate::site::found::Found;
 use crate::site::motion;
 use crate::site::pictures::Pictures;
-use crate::site::prepared::Provenance;
 use crate::site::record_row::RecordRow;
-use crate::site::resumption::{self, Renewed, Resumed};
+use crate::site::resumption::Renewed;
 use crate::site::store::{
     Asked, Carry, Commit, ConditionEvent, FileMark, NewRecord, Position, Reserved, RodRow, SnapshotRow,
-    Standing, Store, StoreError, Stretch,
+    Store, StoreError, Stretch,
 };
-use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
+use std::collections::BTreeMap;
 
 /// Trackers of a site's rods, and their store.
 pub struct Site {
@@ -82,84 +84,6 @@ pub enum Note<'a> {
 }
 
 impl Site {
-    /// Resumes from the store. A rod whose numbers have another meaning now begins a new segment, or goes on with one of before.
-    ///
-    /// # Errors
-    /// The store cannot be read or written.
-    pub fn open(
-        plans: impl IntoIterator<Item = Arc<TrackPlan>>,
-        mut store: Store,
-        provenance: Provenance<'_>,
-    ) -> Result<Self, StoreError> {
-        store.keep_config(provenance.hash, provenance.site, provenance.effective)?;
-        let mut states = store.states()?;
-        let unfollowed_before = store.unfollowed()?;
-        let (mut trackers, mut emulators) = (BTreeMap::new(), BTreeMap::new());
-        let (mut renewed, mut fresh) = (Vec::new(), Vec::new());
-        for plan in plans {
-            let rod = plan.rod().clone();
-            emulators.insert(rod.clone(), plan.emulator());
-            let tracker = match states.remove(&rod) {
-                None => {
-                    fresh.push(rod.clone());
-                    Tracker::new(plan)
-                }
-                Some(state) => {
-                    let resumed = resumption::resume(&mut store, plan, state)?;
-                    let Resumed { tracker, events, .. } = resumed;
-                    let is_renewed = resumed.renewed.is_some();
-                    renewed.extend(resumed.renewed);
-                    if is_renewed || unfollowed_before.contains(&rod) {
-                        store.commit(&Commit {
-                            rod: Some(row(&tracker, &tracker.rod_state(), &events)),
-                            ..Commit::default()
-                        })?;
-                    }
-                    tracker
-                }
-            };
-            trackers.insert(rod, tracker);
-        }
-        if !fresh.is_empty() {
-            // A rod has a row before anything has come of it.
-            store.begin_group()?;
-            for tracker in fresh.iter().filter_map(|rod| trackers.get(rod)) {
-                store.commit(&Commit {
-                    rod: Some(row(tracker, &tracker.rod_state(), &[])),
-                    ..Commit::default()
-                })?;
-            }
-            store.end_group()?;
-        }
-        let (untouched, mut retired): (BTreeMap<_, _>, BTreeMap<_, _>) =
-            states.into_iter().partition(|(_, state)| state.is_untouched());
-        for state in untouched.into_values() {
-            forget(&mut store, state)?;
-        }
-        // A rod of another site with the same store is not gone.
-        let mut unfollowed = Vec::new();
-        if sites_in(&store)?.len() == 1 {
-            for state in retired.values_mut() {
-                if !unfollowed_before.contains(&state.rod) {
-                    unfollowed.push(state.rod.clone());
-                    store.retire(state)?;
-                }
-            }
-        }
-        retired.retain(|_, state| !state.alarms.is_empty());
-        Ok(Self {
-            trackers,
-            emulators,
-            retired,
-            store,
-            config_hash: provenance.hash.to_owned(),
-            renewed,
-            unfollowed,
-            expected: BTreeMap::new(),
-            pictures: None,
-        })
-    }
-
     /// Expects records of its rods from now on, by the machine's clock, or continues to.
     ///
     /// # Errors
@@ -177,76 +101,6 @@ impl Site {
             pictures: Some(pictures),
             ..self
         }
-    }
-
-    /// Continues with another configuration and the same store.
-    ///
-    /// # Errors
-    /// The store cannot be read or written; the site is given up.
-    pub fn reload(
-        self,
-        plans: impl IntoIterator<Item = Arc<TrackPlan>>,
-        provenance: Provenance<'_>,
-    ) -> Result<Self, StoreError> {
-        Self::open(plans, self.store, provenance)
-    }
-
-    /// Rods whose numbers have another meaning since the site was opened.
-    pub fn renewed(&self) -> &[Renewed] {
-        &self.renewed
-    }
-
-    /// Rods of the store that the configuration had until the site was opened.
-    pub fn unfollowed(&self) -> &[RodId] {
-        &self.unfollowed
-    }
-
-    /// Rods with the start of their latest accepted record.
-    pub fn latest(&self) -> impl Iterator<Item = (&RodId, Option<Timestamp>)> {
-        self.trackers
-            .iter()
-            .map(|(rod, tracker)| (rod, tracker.state().latest))
-    }
-
-    /// Rods with the time since which each is silent: since its latest record, or since it is expected.
-    pub fn silent_since(&self) -> impl Iterator<Item = (&RodId, Option<Timestamp>)> {
-        self.latest()
-            .map(|(rod, latest)| (rod, latest.or_else(|| self.expected.get(rod).copied())))
-    }
-
-    /// Rods without any accepted record, or without one for too long.
-    pub fn unheard(&self) -> impl Iterator<Item = &RodId> {
-        let is_unheard = |state: &State| {
-            let is_silent = |kind: Kind| kind == Kind::NoData;
-            let mut standing = state.alarms.iter().filter(|alarm| alarm.cleared.is_none());
-            state.latest.is_none() || standing.any(|alarm| is_silent(alarm.kind))
-        };
-        self.trackers
-            .iter()
-            .filter(move |(_, tracker)| is_unheard(tracker.state()))
-            .map(|(rod, _)| rod)
-    }
-
-    /// Rods of which no temperature reading was ever believed, with the time since which they are expected, if records of them came.
-    pub fn unread(&self) -> impl Iterator<Item = (&RodId, Option<Timestamp>)> {
-        let of_unread = self
-            .trackers
-            .iter()
-            .filter(|(_, tracker)| tracker.state().thermometer.trusted_until().is_none());
-        of_unread.map(|(rod, tracker)| {
-            let since = tracker.state().latest.and_then(|_| self.expected.get(rod));
-            (rod, since.copied())
-        })
-    }
-
-    /// Status of its rods; the store may have others, which are no longer configured.
-    ///
-    /// # Errors
-    /// The store cannot be read.
-    pub fn standings(&self) -> Result<Vec<Standing>, StoreError> {
-        let mut standings = self.store.standings()?;
-        standings.retain(|standing| self.trackers.contains_key(&standing.rod));
-        Ok(standings)
     }
 
     /// Closes the site and keeps its store's lock.
@@ -564,44 +418,4 @@ fn row<'a>(tracker: &'a Tracker, stands: &'a RodState, events: &'a [AlarmEvent])
         closed: &[],
         events,
     }
-}
-
-/// Removes a rod from the store that is no longer configured and never had data; its alarm of missing data
-/// ends.
-fn forget(store: &mut Store, mut state: State) -> Result<(), StoreError> {
-    let rod = state.rod.clone();
-    if let Some(told) = state.alarms.iter().map(|alarm| alarm.told).max() {
-        let mut board = Board::new(&rod, state.segment.number, &mut state.alarms);
-        board.clear_all(told);
-        let events = board.into_events();
-        store.commit(&Commit {
-            rod: Some(RodRow {
-                stands: &RodState::Learning {
-                    records: 0,
-                    periods: 0,
-                },
-                state: &state,
-                closed: &[],
-                events: &events,
-            }),
-            ..Commit::default()
-        })?;
-    }
-    store.forget_rod(&rod)
-}
-
-fn sites_in(store: &Store) -> Result<BTreeSet<String>, StoreError> {
-    Ok(store.configs()?.into_iter().map(|[_, site, _]| site).collect())
-}
-
-/// Other sites with records in a store.
-///
-/// # Errors
-/// The store cannot be read.
-pub fn others_in(store: &Store, site: &str) -> Result<Vec<String>, StoreError> {
-    let sites = sites_in(store)?;
-    if sites.contains(site) {
-        return Ok(Vec::new());
-    }
-    Ok(sites.into_iter().collect())
 }

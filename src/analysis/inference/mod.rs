@@ -20,6 +20,7 @@ pub mod distance;
 mod explained;
 pub mod joint;
 pub mod observation;
+mod pattern;
 pub mod plan;
 pub mod posterior;
 mod prior_place;

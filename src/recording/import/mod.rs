@@ -23,6 +23,7 @@ mod open;
 mod order;
 pub mod plan;
 mod ramp;
+mod resample;
 mod stamp;
 pub mod tdms;
 pub mod uff;

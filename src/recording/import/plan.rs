@@ -4,6 +4,7 @@
 use super::agree::{agree, base, no_start, rate, time_units};
 use super::asked::{Asked, Wanted, channels_of, choose, told, unit};
 use super::grid::{self, Stretch};
+use super::resample::resample;
 use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing};
 use crate::analysis::signal::record::{Timestamp, Unit};
 use crate::recording::write::{Encoding, Layout};
@@ -142,7 +143,7 @@ impl Plan {
                 let base_ns = base(stamps, asked, &told)?;
                 let grid = match asked.resample_hz {
                     Some(fs_hz) => {
-                        let (grid, resampled) = grid::resample(stamps, &values, fs_hz, most)?;
+                        let (grid, resampled) = resample(stamps, &values, fs_hz, most)?;
                         values = resampled;
                         grid
                     }

@@ -1,7 +1,8 @@
 //! One thread per sink: takes the next event from the store, sends it, reports its delivery, and repeats.
 
 use super::marks::Marks;
-use super::signal::{Place, Signal, Stopped};
+use super::place::{Place, notices_mark, standing_mark};
+use super::signal::{Signal, Stopped};
 use super::{Backoff, Failure, Message, Pace, Sink, damping};
 use crate::analysis::numerics::random;
 use crate::analysis::track::alarm;
@@ -20,20 +21,6 @@ const BATCH: usize = 100;
 
 /// Interval at which the store is checked without notification.
 const LOOK_EVERY: Duration = Duration::from_secs(30);
-
-/// Name under which the copy to a centre once kept its position.
-const OLD_COPY: &str = "forward";
-
-/// Name under which the store keeps the number of the last notice that a sink has. No id has a slash.
-fn notices_mark(sink: &str) -> String {
-    format!("{sink}/conditions")
-}
-
-/// Name under which the store records that a sink got the alarms active when it was added. No sink id has a
-/// slash.
-fn standing_mark(sink: &str) -> String {
-    format!("{sink}/standing")
-}
 
 /// Reason why a round ended early.
 enum Trouble {
@@ -336,26 +323,13 @@ impl Courier {
             return Ok(place);
         }
         let id = &self.errand.settings.id;
-        let latest = reader.latest_news()?;
-        let notices = reader.delivered(&notices_mark(id))?;
-        // Up to store format 6 the copy to a centre noted the number of its last commit as `forward`: such a mark is none of a
-        // sink of that name, nor is one past all events.
-        let is_of_copy = |through: &i64| *through > latest || (id == OLD_COPY && notices.is_none());
-        let place = match reader.delivered(id)?.filter(|through| !is_of_copy(through)) {
-            Some(through) => Place {
-                through,
-                notices: notices.unwrap_or(0),
-                knows_standing: reader.delivered(&standing_mark(id))?.is_some(),
-            },
+        let place = match Place::of(id, reader)? {
+            Some(place) => place,
             None => {
-                let place = Place {
-                    through: latest,
-                    notices: reader.latest_notice()?,
-                    knows_standing: false,
-                };
-                // The sink's own mark last: without it the sink is still new after a kill between the two.
-                self.report(&notices_mark(id), place.notices)?;
-                self.report(id, place.through)?;
+                let place = Place::new(reader)?;
+                for (mark, through) in place.marks(id) {
+                    self.report(&mark, through)?;
+                }
                 place
             }
         };

@@ -3,8 +3,9 @@
 use super::courier::{Courier, Errand};
 use super::heartbeat::Heartbeat;
 use super::marks::{Delivered, Marks};
+use super::place::Place;
 use super::presence::Presence;
-use super::signal::{Place, Signal};
+use super::signal::Signal;
 use super::{Message, Pace};
 use crate::analysis::signal::record::Timestamp;
 use crate::config::settings::alert::{AlertSettings, SinkKind, SinkSettings};

@@ -17,6 +17,7 @@ mod log;
 mod marks;
 pub mod message;
 mod mqtt;
+mod place;
 mod post;
 mod presence;
 mod signal;
@@ -27,6 +28,7 @@ pub use conditions::Conditions;
 pub use couriers::Couriers;
 pub use marks::Delivered;
 pub use message::{Message, What};
+pub use place::marks_of_new;
 
 use crate::config::settings::alert::{SinkKind, SinkSettings};
 use crate::config::settings::credential::CredentialError;

@@ -1,20 +1,10 @@
 //! Signals to a courier: new events, and its end.
 
 use super::Message;
+use super::place::Place;
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-
-/// Position of a sink's courier.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Place {
-    /// Number of the latest event delivered.
-    pub(super) through: i64,
-    /// Number of the latest notice of the daemon's conditions that the sink has.
-    pub(super) notices: i64,
-    /// True if it got the alarms active when it was added.
-    pub(super) knows_standing: bool,
-}
 
 /// The courier was asked to stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

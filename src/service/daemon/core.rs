@@ -1,9 +1,11 @@
 //! The one thread that owns trackers and store: takes the results of the pipeline, in order, and makes them
 //! durable.
 
+mod unwritable;
+
 use super::guard::Guard;
 use super::left_out::Runs;
-use super::opening::{open_site, warn_of_renewed};
+use super::opening::warn_of_renewed;
 use super::retention::Retention;
 use super::silence::Silence;
 use super::vigil::Vigil;
@@ -12,25 +14,19 @@ use crate::analysis::signal::record::{Rejection, RodId, Timestamp};
 use crate::recording::note;
 use crate::recording::read::Place;
 use crate::recording::read::{SourceError, Summary};
-use crate::service::api::Monitoring;
+use crate::service::alert;
 use crate::service::forward::SINK;
 use crate::service::telemetry::{Fault, Health};
 use crate::site::analyse::{Analysed, LastSeen};
 use crate::site::clock;
 use crate::site::driver::{Done, Held, Job};
 use crate::site::prepared::Generation;
-use crate::site::store::{self, ConditionEvent, FileMark, Reserved, Standing, StoreError};
+use crate::site::store::{ConditionEvent, FileMark, Standing, StoreError};
 use crate::site::trackers::{Note, Site, Taken};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
-
-/// Free space at which work resumes after the disk was full \[bytes\].
-const ROOM: u64 = 8 << 20;
-/// Interval between checks of a full disk.
-const LOOK: Duration = Duration::from_millis(250);
 
 /// True if an item only adds data to the store, so that it may share a commit with others.
 fn is_kept(done: &Done) -> bool {
@@ -96,6 +92,8 @@ pub struct Core {
     vigil: Vigil,
     health: Arc<Health>,
     stopping: Arc<AtomicBool>,
+    /// True once the store has a position for each sink of the configuration.
+    has_placed_sinks: bool,
     /// True while the lock says why nothing is stored.
     has_told: bool,
     notify: Box<dyn Fn(Notice<'_>) + Send>,
@@ -137,6 +135,7 @@ impl Core {
             vigil,
             health,
             stopping,
+            has_placed_sinks: false,
             has_told: false,
             notify,
         };
@@ -155,6 +154,7 @@ impl Core {
     pub fn take(&mut self, group: Vec<Done>) -> Result<(), CoreError> {
         let group = self.held.take(group, Instant::now());
         for run in group.chunk_by(|one, next| is_kept(one) && is_kept(next)) {
+            self.place_sinks()?;
             match run {
                 [Done::Job(Job::Reload(generation))] => self.reload(Arc::clone(generation))?,
                 [Done::Job(Job::Tick { is_caught_up })] => self.tick(*is_caught_up)?,
@@ -182,6 +182,24 @@ impl Core {
             Fault::Broken,
             format_args!("the program broke on one event: {panic}"),
         );
+    }
+
+    /// Gives each new sink its position before anything further happens.
+    fn place_sinks(&mut self) -> Result<(), CoreError> {
+        if self.has_placed_sinks {
+            return Ok(());
+        }
+        let generation = Arc::clone(&self.generation);
+        self.durable(|site| {
+            site.together(|site| {
+                for (sink, through) in alert::marks_of_new(&generation.config.sinks, site.store())? {
+                    site.note(Note::Delivered { sink: &sink, through })?;
+                }
+                Ok(())
+            })
+        })?;
+        self.has_placed_sinks = true;
+        Ok(())
     }
 
     /// Makes a run of items durable, then announces them.
@@ -282,6 +300,7 @@ impl Core {
     fn reload(&mut self, generation: Arc<Generation>) -> Result<(), CoreError> {
         // If the disk is full on the way, the site is opened with the new configuration when there is room again.
         self.generation = Arc::clone(&generation);
+        self.has_placed_sinks = false;
         let mut standings = None;
         if let Some(site) = self.site.take() {
             match site.reload(generation.track_plans.iter().cloned(), generation.provenance()) {
@@ -352,149 +371,6 @@ impl Core {
         Ok(())
     }
 
-    /// Runs `act` on site and store, and again from the beginning if the disk was full: the trackers in
-    /// memory are then ahead of the store, so both are read anew from the disk. Records in the store are
-    /// known by content, so none is taken twice.
-    fn durable<T>(
-        &mut self,
-        mut act: impl FnMut(&mut Site) -> Result<T, StoreError>,
-    ) -> Result<T, CoreError> {
-        let mut tries = 0;
-        loop {
-            let Some(site) = &mut self.site else {
-                return Err(CoreError::Stopping);
-            };
-            match act(site) {
-                Ok(value) => {
-                    if tries > 0 {
-                        self.health.over(Fault::DiskFull, &self.about());
-                    }
-                    return Ok(value);
-                }
-                Err(error) if error.is_disk_full() => self.wait_for_room(&error, tries)?,
-                Err(error) => return Err(error.into()),
-            }
-            tries += 1;
-        }
-    }
-
-    /// Closes trackers and store, and opens them again when there is room; waits longer after each failed
-    /// try. The lock is kept meanwhile: this daemon is at work on the store.
-    fn wait_for_room(&mut self, error: &StoreError, tries: u32) -> Result<(), CoreError> {
-        let about = self.about();
-        let waits = format_args!(
-            "{about}: no room on the disk ({error}); nothing is lost, work goes on when there is"
-        );
-        self.health.hold(Fault::DiskFull, &about, waits);
-        let mut reserved = match self.site.take() {
-            Some(site) => site.reserve(),
-            None => store::reserve(&self.store),
-        };
-        let begun = Instant::now();
-        let mut looks = 1 << tries.min(6);
-        loop {
-            if self.stopping.load(Ordering::Relaxed) {
-                return Err(CoreError::Stopping);
-            }
-            (self.notify)(Notice::Alive);
-            for notice in self.vigil.look() {
-                (self.notify)(Notice::Untold(&notice));
-            }
-            self.tell(reserved.as_ref());
-            thread::sleep(LOOK);
-            looks -= 1;
-            if looks > 0 {
-                continue;
-            }
-            looks = 1;
-            if room(&self.store) < ROOM {
-                continue;
-            }
-            drop(reserved.take());
-            match open_site(&self.store, &self.generation, &self.health) {
-                // The reader does not know that the marks are gone: only a restart reads everything again.
-                Ok(site) if site.store().moved_aside().is_some() => return Err(CoreError::Damaged),
-                Ok(site) => {
-                    self.guard = Guard::of(&self.store);
-                    self.site = Some(site);
-                    self.silence.forgive(begun.elapsed());
-                    return Ok(());
-                }
-                // Somebody acknowledges an alarm meanwhile.
-                Err(error @ StoreError::Held { .. }) => self.health.hold(Fault::DiskFull, &about, error),
-                Err(error) if error.is_disk_full() => looks = 1 << 6,
-                Err(error) => return Err(error.into()),
-            }
-            reserved = store::reserve(&self.store);
-        }
-    }
-
-    /// Checks if the store is still the file that is written. If not, nothing is stored or acknowledged, and
-    /// messages go past the store, until the same file is back or the daemon is restarted.
-    fn look_at_files(&mut self) -> Result<(), CoreError> {
-        let begun = Instant::now();
-        let mut is_lost = false;
-        while let Err((path, what)) = self.guard.look() {
-            self.halted.store(true, Ordering::Relaxed);
-            let detail = format!(
-                "{} {what} while it was written: nothing is kept or acknowledged. Bring the very file back and it goes on; or \
-                 start the daemon anew: it begins a new store if there is none or it is damaged, and reads again what folder and \
-                 journal hold",
-                path.display()
-            );
-            self.health.hold(Fault::Files, &self.about(), detail);
-            is_lost = true;
-            if self.stopping.load(Ordering::Relaxed) {
-                // Closing it would remove, by its name, a write-ahead log that may be another store's.
-                std::mem::forget(self.site.take());
-                return Err(CoreError::Stopping);
-            }
-            (self.notify)(Notice::Alive);
-            for notice in self.vigil.look() {
-                (self.notify)(Notice::Untold(&notice));
-            }
-            self.tell(None);
-            thread::sleep(LOOK);
-        }
-        if is_lost {
-            self.halted.store(false, Ordering::Relaxed);
-            self.health.over(Fault::Files, &self.about());
-            self.silence.forgive(begun.elapsed());
-        }
-        self.keep_lock()
-    }
-
-    /// Takes the lock of the store, whose files are in their place, anew if it was removed.
-    fn keep_lock(&mut self) -> Result<(), CoreError> {
-        let about = self.about();
-        let detail = match self.site.as_mut().map_or(Ok(false), Site::keep_lock) {
-            Ok(false) => return Ok(()),
-            Ok(true) => format!(
-                "the lock of {about} was removed, and is taken anew: look if another program wrote into the store"
-            ),
-            // There must be one writer.
-            Err(error @ StoreError::Held { .. }) => return Err(error.into()),
-            // The next tick tries again.
-            Err(error) => format!("the lock of {about} was removed, and cannot be taken anew: {error}"),
-        };
-        self.health.fault(Fault::Files, detail);
-        Ok(())
-    }
-
-    /// Tells those who can ask neither this daemon nor its store why nothing is stored, by the lock: `reserved`, or the open store's.
-    fn tell(&mut self, reserved: Option<&Reserved>) {
-        let text = Monitoring::past_the_store(&self.health.conditions(), clock::now());
-        if text.is_empty() && !self.has_told {
-            return;
-        }
-        self.has_told = !text.is_empty();
-        match (reserved, &self.site) {
-            (Some(reserved), _) => reserved.tell(&text),
-            (None, Some(site)) => site.store().tell(&text),
-            (None, None) => {}
-        }
-    }
-
     /// Subject of a condition of the store.
     fn about(&self) -> String {
         self.store.display().to_string()
@@ -516,10 +392,4 @@ fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<
         Done::Job(_) => {}
     }
     Ok(None)
-}
-
-/// Free space on the disk of a file \[bytes\]; the maximum if unknown.
-fn room(path: &Path) -> u64 {
-    let folder = path.parent().unwrap_or(Path::new("."));
-    rustix::fs::statvfs(folder).map_or(u64::MAX, |stat| stat.f_bavail.saturating_mul(stat.f_frsize))
 }

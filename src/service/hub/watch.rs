@@ -5,7 +5,8 @@
 
 use super::relay::Relay;
 use crate::config::HubConfig;
-use crate::service::alert::{Conditions, Couriers};
+use crate::config::settings::alert::SinkSettings;
+use crate::service::alert::{self, Conditions, Couriers};
 use crate::service::telemetry::{Beat, Fault, Health, Metrics, Telemetry};
 use crate::site::clock;
 use crate::site::store::{Commit, ConditionEvent, Durability, Relayed, Store, StoreError};
@@ -78,6 +79,7 @@ impl Watch {
         let settle = Duration::from_secs_f64(config.alert.settle_s);
         let mut teller = Teller {
             store,
+            unplaced: config.sinks.clone(),
             conditions: Conditions::new(settle, standing),
             unkept: Vec::new(),
             unrelayed: None,
@@ -135,6 +137,8 @@ fn stands_on(notice: &ConditionEvent, config: &HubConfig, health: &Health) {
 /// Owner of the outbox.
 struct Teller {
     store: Store,
+    /// Sinks that may be without a position in the outbox; empty once each has one.
+    unplaced: Vec<SinkSettings>,
     conditions: Conditions,
     /// Notices that the outbox does not have yet.
     unkept: Vec<ConditionEvent>,
@@ -152,7 +156,7 @@ impl Teller {
         let lasting = self.health.conditions();
         let told = self.conditions.look(&lasting, Instant::now(), clock::now());
         self.unkept.extend(told);
-        if self.unkept.is_empty() {
+        if !self.place_sinks() || self.unkept.is_empty() {
             return false;
         }
         let written = self.store.watch(&self.unkept, None);
@@ -166,6 +170,9 @@ impl Teller {
     /// Puts what the sites told into the outbox; returns true if there is news in it.
     fn take(&mut self, pages: &Receiver<Relayed>) -> bool {
         let mut has_news = false;
+        if !self.place_sinks() {
+            return false;
+        }
         while let Some(relayed) = self.unrelayed.take().or_else(|| pages.try_recv().ok()) {
             let written = self.store.relay(&relayed);
             if !self.wrote(written) {
@@ -177,12 +184,27 @@ impl Teller {
         has_news
     }
 
-    fn mark(&mut self, sink: &str, through: i64) {
+    /// Gives each new sink its position before anything further is put into the outbox; returns false if it cannot be written.
+    fn place_sinks(&mut self) -> bool {
+        if self.unplaced.is_empty() {
+            return true;
+        }
+        let is_placed = match alert::marks_of_new(&self.unplaced, &self.store) {
+            Ok(marks) => marks.iter().all(|(sink, through)| self.mark(sink, *through)),
+            Err(error) => self.wrote(Err(error)),
+        };
+        if is_placed {
+            self.unplaced.clear();
+        }
+        is_placed
+    }
+
+    fn mark(&mut self, sink: &str, through: i64) -> bool {
         let written = self.store.commit(&Commit {
             delivered: Some((sink, through)),
             ..Commit::default()
         });
-        self.wrote(written);
+        self.wrote(written)
     }
 
     fn wrote(&self, written: Result<(), StoreError>) -> bool {

@@ -1,10 +1,11 @@
 //! The journal's thread: takes batches, closes chunks, makes them durable, notifies the senders.
 
+mod unwritable;
+
 use super::handle::{Batch, Closed, Command, End, Entry};
 use super::output::{Channel, Output};
-use super::retention::Applied;
 use super::streams::{Streams, is_named};
-use super::{Around, Bell, JournalError, retention};
+use super::{Around, Bell, JournalError};
 use crate::config::settings::journal::JournalSettings;
 use crate::recording::note::{Begins, State};
 use crate::service::telemetry::Fault;
@@ -24,8 +25,6 @@ const CHUNK_AFTER: Duration = Duration::from_millis(200);
 const CHUNK_BYTES: usize = 1 << 20;
 /// Time after which written data is made durable.
 const SYNC_AFTER: Duration = Duration::from_millis(800);
-/// Pause before a full disk is tried again.
-const RETRY: Duration = Duration::from_secs(1);
 /// Interval between checks of the file that is written.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// Pause between two removals of old parts.
@@ -407,50 +406,6 @@ impl Writer {
         self.sync()
     }
 
-    /// Waits while the file that is written is no longer the one with its name, or the store is lost: nothing
-    /// is accepted or acknowledged then.
-    fn look_at_files(&mut self) -> Result<(), Stop> {
-        if self
-            .state
-            .looked
-            .is_some_and(|looked| looked.elapsed() < LOOK_EVERY)
-            && !self.around.halted.load(Ordering::Relaxed)
-        {
-            return Ok(());
-        }
-        let mut is_lost = false;
-        loop {
-            let found = self.state.owned.as_mut().map_or(Ok(()), Owned::look);
-            if let Err(what) = found {
-                let path = self
-                    .state
-                    .owned
-                    .as_ref()
-                    .map(|owned| owned.path().display().to_string());
-                let detail = format!(
-                    "{} {what} while it was written: nothing is acknowledged. Bring the very file back and it goes on; or start \
-                     the daemon anew: senders then send again what is missing, as far as they have it",
-                    path.unwrap_or_default()
-                );
-                self.around.health.hold(Fault::Files, ABOUT, detail);
-                is_lost = true;
-            }
-            if found.is_ok() && !self.around.halted.load(Ordering::Relaxed) {
-                break;
-            }
-            if self.stopping.load(Ordering::Relaxed) {
-                return Err(Stop::Asked);
-            }
-            self.around.beat.pass();
-            std::thread::sleep(RETRY / 10);
-        }
-        if is_lost {
-            self.around.health.over(Fault::Files, ABOUT);
-        }
-        self.state.looked = Some(Instant::now());
-        Ok(())
-    }
-
     /// Notes that a part was begun, with the first note in it.
     pub fn opened(&mut self, output: Output) {
         self.state.owned = output.owned();
@@ -467,70 +422,6 @@ impl Writer {
             part: self.next,
         });
         note
-    }
-
-    /// Handles a full disk: nothing is acknowledged, nothing lost. Removes old parts and waits a
-    /// little.
-    fn wait_for_room(&mut self) -> Result<(), Stop> {
-        let folder = self.folder.display();
-        let detail = format!("{folder}: no room for live data; senders wait until there is");
-        self.around.health.hold(Fault::DiskFull, ABOUT, detail);
-        self.clean();
-        let since = Instant::now();
-        while since.elapsed() < RETRY {
-            if self.stopping.load(Ordering::Relaxed) {
-                return Err(Stop::Asked);
-            }
-            self.around.beat.pass();
-            std::thread::sleep(RETRY / 10);
-        }
-        Ok(())
-    }
-
-    fn clean(&self) {
-        let done = self.results_kept.load(Ordering::Relaxed);
-        // The part that is written is never one whose results are all kept.
-        match retention::apply(
-            &self.folder,
-            done.min(self.next.saturating_sub(2)),
-            &self.settings,
-            &self.around.vouch,
-            self.around
-                .copied
-                .as_ref()
-                .map(|copied| copied.load(Ordering::Relaxed)),
-        ) {
-            Ok(Applied { removed, waiting }) => {
-                if removed > 0 {
-                    tracing::info!(removed, "old parts of the journal were removed");
-                }
-                let health = &self.around.health;
-                let waits_for_copy = waiting > 0 && self.around.copied.is_some();
-                match &self.settings.backup_stamp {
-                    stamp if waits_for_copy => health.hold(
-                        Fault::Backup,
-                        ABOUT,
-                        format_args!(
-                            "{waiting} parts of the journal may go and wait: the bucket does not have them yet{}",
-                            if stamp.is_some() { ", or no backup has" } else { "" }
-                        ),
-                    ),
-                    Some(stamp) if waiting > 0 => health.hold(
-                        Fault::Backup,
-                        ABOUT,
-                        format_args!(
-                            "{waiting} parts of the journal may go and wait for a backup: they were written after {}",
-                            stamp.display()
-                        ),
-                    ),
-                    _ => health.over(Fault::Backup, ABOUT),
-                }
-            }
-            Err(fault) => {
-                let detail = format!("{}: old parts cannot be removed: {fault}", self.folder.display());
-                self.around.health.fault(Fault::Write, detail);
-            }
-        }
     }
 
     fn failed(&self, source: io::Error) -> Stop {

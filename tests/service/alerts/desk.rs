@@ -39,8 +39,12 @@ pub struct Desk {
 
 impl Desk {
     pub fn new() -> Self {
+        Self::on(tempfile::tempdir().unwrap())
+    }
+
+    /// On the store in a folder.
+    pub fn on(folder: TempDir) -> Self {
         let telemetry = Telemetry::default();
-        let folder = tempfile::tempdir().unwrap();
         let store = Store::open(&folder.path().join("site.db"), Durability::Replay).unwrap();
         let store = Arc::new(Mutex::new(store));
         let (reports, received) = sync_channel::<Report>(4);

@@ -9,5 +9,6 @@ pub mod fake;
 mod mail;
 mod mosquitto;
 pub mod peers;
+mod placed;
 mod settings;
 mod webhook;

@@ -17,6 +17,7 @@ pub mod refine;
 pub mod softened;
 pub mod softening;
 pub mod subband;
+mod sums;
 mod tone;
 mod tone_beside;
 

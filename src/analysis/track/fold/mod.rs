@@ -25,6 +25,7 @@ mod intake;
 mod learning;
 mod loss;
 mod monitor;
+mod neighbour;
 pub mod packed;
 pub mod plan;
 mod reference;

@@ -7,21 +7,16 @@ use super::scatter::Scatter;
 use super::silence::Doubted;
 use super::verdict::RodState;
 use crate::signal::record::{Reading, RodId, Timestamp};
-use crate::track::alarm::{Alarm, Cause, Kind, Watches};
+use crate::track::alarm::{Alarm, Kind, Watches};
 use crate::track::baseline::Baseline;
 use crate::track::drift::Filters;
 use crate::track::drift::Law;
-use crate::track::drift::companions::FORGOTTEN;
-use crate::track::drift::others::Neighbour;
-use crate::track::drift::period::{self, Charted, Pending, Period};
-use crate::track::drift::watch::{DriftWatch, Witness};
+use crate::track::drift::period::{Pending, Period};
+use crate::track::drift::watch::DriftWatch;
 use crate::track::observation::Observation;
 use crate::track::plausibility::{JUMP_S, Plausibility};
 use crate::track::thermometer::Thermometer;
 use serde::{Deserialize, Serialize};
-
-/// Periods after an alarm within which the size of its change may be unknown: a large one is sure within three.
-const DOUBT_PERIODS: i64 = 5;
 
 /// Periods whose steps tell the weather's.
 const STEPS: usize = 60;
@@ -312,7 +307,7 @@ impl State {
     }
 
     /// True while few periods ended since a time.
-    fn is_followed_briefly_since(&self, time: Timestamp) -> bool {
+    pub(super) fn is_followed_briefly_since(&self, time: Timestamp) -> bool {
         let later = self
             .periods
             .iter()
@@ -332,134 +327,6 @@ impl State {
     }
 }
 
-impl Neighbour for State {
-    fn name(&self) -> &str {
-        &self.rod.0
-    }
-
-    fn ratio_in(&self, index: i64, period_s: f64) -> Option<f64> {
-        let of = |period: &Period| period.index.cmp(&index);
-        if let Ok(place) = self.periods.binary_search_by(of) {
-            return Some(self.periods[place].delta);
-        }
-        let within = |pending: &&Pending| period::index_of(pending.start, period_s) == index;
-        let (mut weight, mut sum) = (0.0, 0.0);
-        for pending in self.open.iter().filter(within) {
-            let w = 1.0 / (pending.sd * pending.sd);
-            weight += w;
-            sum += w * pending.delta;
-        }
-        (weight > 0.0).then(|| sum / weight)
-    }
-
-    fn latest_deviations(&self, since: f64) -> [Option<(f64, f64)>; 2] {
-        let compensated = |charted: &Charted| charted.evidence.compensated.is_some();
-        let is_later = |time: Timestamp| time.days() > since;
-        let closed = self
-            .periods
-            .last()
-            .filter(|period| is_later(period.start))
-            .and_then(|period| {
-                let charted = period.charted.filter(compensated)?;
-                Some((period.delta - charted.expected, charted.expected_sd))
-            });
-        let open = self
-            .open
-            .last()
-            .filter(|pending| is_later(pending.start))
-            .and_then(|pending| {
-                let law = self.thermal_law(pending)?;
-                Some((pending.delta - law.mean, law.sd))
-            });
-        [closed, open]
-    }
-
-    fn latest_record(&self) -> Option<(Timestamp, f64)> {
-        let open = self.open.last().map(|pending| (pending.start, pending.delta));
-        self.doubted
-            .map(|doubted| (doubted.start, doubted.delta))
-            .or(open)
-    }
-
-    fn doubted_loss(&self) -> Option<(Timestamp, f64, f64)> {
-        let doubted = self.doubted?;
-        let (mean, sd) = doubted.loss?;
-        Some((doubted.start, mean, sd))
-    }
-
-    fn last_period(&self) -> Option<i64> {
-        self.closed
-    }
-
-    fn evidence(&self, since: Option<f64>) -> f64 {
-        self.watch.get().map_or(0.0, |watch| watch.evidence(since))
-    }
-
-    fn evidence_alone(&self, since: Option<f64>) -> f64 {
-        self.watch.get().map_or(0.0, |watch| watch.evidence_alone(since))
-    }
-
-    fn size(&self) -> f64 {
-        self.watch.get().map_or(0.0, DriftWatch::size)
-    }
-
-    fn slope_per_k(&self) -> Option<f64> {
-        Some(self.watch.get()?.slope()?.0)
-    }
-
-    fn moved_beside_others(&self) -> f64 {
-        self.watch.get().map_or(0.0, DriftWatch::moved_beside_others)
-    }
-
-    fn is_in_doubt(&self, index: i64, period_s: f64) -> bool {
-        let knows_size = self.watch.get().is_some_and(DriftWatch::knows_what_moved);
-        let is_doubtful = |alarm: &Alarm| {
-            let periods = index.saturating_sub(period::index_of(alarm.raised, period_s));
-            let most = match alarm.kind {
-                Kind::Suspected => i64::MAX,
-                Kind::Limit
-                    if !knows_size && !self.drifts() && self.is_followed_briefly_since(alarm.raised) =>
-                {
-                    i64::MAX
-                }
-                Kind::Drift | Kind::NotAxial | Kind::Limit if !knows_size => DOUBT_PERIODS,
-                _ => return false,
-            };
-            alarm.cleared.is_none() && (-(FORGOTTEN as i64)..=most).contains(&periods)
-        };
-        self.alarms.iter().any(is_doubtful)
-    }
-
-    fn drifts(&self) -> bool {
-        self.holds(Kind::Drift) || self.watches.stands(Cause::Pattern)
-    }
-
-    fn drifts_in(&self, index: i64, period_s: f64) -> bool {
-        let began = |alarm: &Alarm| {
-            let onset = alarm.change.as_ref().map(|change| change.onset_q025);
-            period::index_of(onset.unwrap_or(alarm.raised), period_s)
-        };
-        let is_change =
-            |alarm: &&Alarm| alarm.cleared.is_none() && matches!(alarm.kind, Kind::Drift | Kind::NotAxial);
-        let onset = self.alarms.iter().filter(is_change).map(began).min();
-        self.drifts() && onset.is_none_or(|onset| index >= onset)
-    }
-
-    fn has_baseline(&self) -> bool {
-        self.segment.baseline.is_some()
-    }
-
-    fn is_confirmed(&self) -> bool {
-        let by_others = [Some(Witness::Confirmed), Some(Witness::Peers)];
-        let mut standing = self.alarms.iter().filter(|alarm| alarm.cleared.is_none());
-        standing.any(|alarm| by_others.contains(&alarm.witness))
-    }
-
-    fn has_moved_with_others(&self) -> bool {
-        self.holds(Kind::Common)
-    }
-}
-
 /// A percentage with three significant digits, at least one of them a decimal: never 0 for what is not.
 fn three_digits(percent: f64) -> String {
     let magnitude = percent.abs().log10().floor();
@@ -475,30 +342,6 @@ fn three_digits(percent: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Periods before a change hold none of it: rods ask for them when others join.
-    #[test]
-    fn alarms_count_for_the_periods_of_their_change() {
-        const DAY_S: f64 = 86_400.0;
-        let rod = RodId(String::from("a"));
-        let of = |kind| {
-            let mut state = State::new(rod.clone(), String::new());
-            let raised = Timestamp::from_nanos(50 * 86_400_000_000_000);
-            let alarm = Alarm::new(&rod, kind, 1, raised, String::new());
-            state.alarms.push(alarm);
-            state
-        };
-        let doubtful =
-            |state: &State| -> Vec<i64> { (0..90).filter(|day| state.is_in_doubt(*day, DAY_S)).collect() };
-        let drifting =
-            |state: &State| -> Vec<i64> { (0..90).filter(|day| state.drifts_in(*day, DAY_S)).collect() };
-        let suspected = of(Kind::Suspected);
-        assert_eq!(doubtful(&suspected), (48..90).collect::<Vec<_>>());
-        assert!(drifting(&suspected).is_empty());
-        let drift = of(Kind::Drift);
-        assert_eq!(doubtful(&drift), (48..=55).collect::<Vec<_>>());
-        assert_eq!(drifting(&drift), (50..90).collect::<Vec<_>>());
-    }
 
     #[test]
     fn a_small_percentage_is_not_zero() {

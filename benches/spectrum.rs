@@ -89,7 +89,7 @@ fn refine_ambient(bencher: Bencher, seconds: f64) {
     let transforms = Transforms::default();
     let spectrum = spectrum(&transforms, &record);
     let peaks = pick_peaks(&spectrum, &PeakSettings::default(), 2.0, 60.0);
-    let parts = Parts::of(&record, None);
+    let parts = Parts::of(&record, None, true);
     let search = Search {
         tones: &[],
         masks: &[],
@@ -105,7 +105,7 @@ fn refine_free_decay(bencher: Bencher, seconds: f64) {
     let transforms = Transforms::default();
     let spectrum = spectrum(&transforms, &record);
     let peaks = pick_peaks(&spectrum, &PeakSettings::default(), 2.0, 60.0);
-    let parts = Parts::of(&record, None);
+    let parts = Parts::of(&record, None, true);
     let search = Search {
         tones: &[],
         masks: &[],

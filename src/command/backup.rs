@@ -1,5 +1,6 @@
 //! `tirante backup`: copies a store, while the daemon writes to it.
 
+use super::BadArguments;
 use super::which_store::WhichStore;
 use crate::site::store::Reader;
 use std::fs;
@@ -29,6 +30,18 @@ pub struct Args {
 /// No store is named, it cannot be read, or the copy cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let reader = Reader::open(&args.which.path()?)?;
+    if let Some(folder) = args
+        .target
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir())
+    {
+        let text = format!(
+            "{}: the folder {} does not exist",
+            args.target.display(),
+            folder.display()
+        );
+        return Err(BadArguments(text).into());
+    }
     reader.copy_to(&args.target)?;
     let bytes = fs::metadata(&args.target)?.len();
     let line = format!("{}: {bytes} bytes, checked\n", args.target.display());

@@ -3,6 +3,7 @@
 
 use super::foreign;
 use super::progress::Progress;
+use super::topics::{Differences, Topics};
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::identify::{LeftOut, Sensors};
 use crate::analysis::outcome::Outcome;
@@ -13,6 +14,7 @@ use crate::site::analyse::{Analysed, Known, LastSeen};
 use crate::site::driver::{self, Done, Held, Job, Taker};
 use crate::site::motion;
 use crate::site::ordered_map::Limits;
+use crate::site::overlap::{Change, Overlaps};
 use crate::site::prepared::Plans;
 use crate::site::records::{AnyFile, Others, in_order};
 use crate::site::store::Position;
@@ -79,6 +81,10 @@ pub struct Tally {
     without: BTreeMap<(RodId, String), usize>,
     /// Sensors that each rod's latest record left out.
     out_now: BTreeMap<RodId, BTreeSet<String>>,
+    topics: Topics,
+    differences: Differences,
+    /// Rods whose records overlap in time.
+    overlapping: BTreeSet<RodId>,
 }
 
 impl Tally {
@@ -90,6 +96,9 @@ impl Tally {
             || self.unreadable > 0
             || self.with_losses > 0
             || !self.without.is_empty()
+            || !self.differences.misspelt.is_empty()
+            || self.differences.is_all
+            || !self.overlapping.is_empty()
         {
             ExitCode::from(WITH_LOSSES)
         } else {
@@ -138,6 +147,14 @@ impl Display for Tally {
         }
         for ((rod, sensor), count) in &self.without {
             write!(f, ", {} of rod {rod} without {sensor}", counted(*count, "record"))?;
+        }
+        for rod in &self.overlapping {
+            write!(f, ", overlapping records of rod {rod}")?;
+        }
+        match &self.differences.absent[..] {
+            [] => {}
+            [rod] => write!(f, ", nothing of rod {rod}")?,
+            rods => write!(f, ", nothing of rods {}", rods.join(", "))?,
         }
         Ok(())
     }
@@ -219,6 +236,7 @@ pub fn run(
         tally: Tally::default(),
         seen: HashSet::new(),
         passed: LastSeen::default(),
+        overlaps: Overlaps::default(),
         motions: BTreeMap::new(),
         failure: None,
     };
@@ -246,7 +264,15 @@ pub fn run(
         // The error, if any, is in `failure`.
         let _ = rest.into_iter().try_for_each(|done| delivery.done(done));
     }
-    let Delivery { tally, failure, .. } = delivery;
+    let Delivery {
+        mut tally, failure, ..
+    } = delivery;
+    if is_meant {
+        tally.differences = tally.topics.compare(config);
+        for sentence in &tally.differences.misspelt {
+            bar.say(&format!("warning: {sentence}"));
+        }
+    }
     drop(bar);
     match failure {
         Some(error) if is_broken_pipe(&error) => Ok(None),
@@ -269,6 +295,7 @@ struct Delivery<'a, F> {
     /// Identities of the records of this run.
     seen: HashSet<[u8; 32]>,
     passed: LastSeen,
+    overlaps: Overlaps,
     /// Motions of rods with several sensors that have a row in this run.
     motions: BTreeMap<RodId, Vec<motion::Span>>,
     failure: Option<anyhow::Error>,
@@ -351,6 +378,12 @@ impl<F: OnEvent> Delivery<'_, F> {
             },
         };
         self.tally.event(&analysed, &became, self.bar);
+        if let (Analysed::Record(outcome), Became::New) = (&analysed, &became)
+            && let Some(Change::Begins(sentence)) = self.overlaps.take(outcome, &place.origin)
+        {
+            self.bar.say(&format!("warning: {sentence}"));
+            self.tally.overlapping.insert(outcome.rod().clone());
+        }
         ControlFlow::Continue(())
     }
 }
@@ -414,6 +447,11 @@ impl Tally {
         for (count, what) in [
             (self.unreadable, "files that could not be read"),
             (self.with_losses, "files with lost data"),
+            (
+                self.differences.misspelt.len(),
+                "topics that are most likely misspelt",
+            ),
+            (self.overlapping.len(), "rods whose records overlap in time"),
             (self.broken, "records that broke the analysis"),
         ] {
             if count > 0 {
@@ -433,6 +471,7 @@ impl Tally {
                 return bar.say(&format!("error: {error}"));
             }
         };
+        self.topics.take(summary);
         for note in &summary.notes {
             bar.say(note);
         }

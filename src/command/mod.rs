@@ -57,6 +57,7 @@ pub mod status;
 pub mod study;
 mod template;
 mod tests_of_rod;
+mod topics;
 pub mod track;
 pub mod trial;
 pub mod which_store;

@@ -262,10 +262,7 @@ fn load_rod(reader: &Reader, standing: &Standing, meaning: &mut Meaning) -> anyh
         .rejections
         .sort_by(|a, b| b.count.cmp(&a.count).then_with(|| a.code.cmp(&b.code)));
     report.alarms = reader.alarms(&filter)?;
-    for alarm in report.alarms.iter().filter(|alarm| alarm.acknowledged.is_some()) {
-        let words = reader.acknowledged_words(&alarm.id)?;
-        report.words.extend(words.map(|words| (alarm.id.clone(), words)));
-    }
+    report.words = reader.words_of(&report.alarms)?;
     for segment in reader.segments(rod)? {
         let periods = reader.periods(rod, segment.number)?;
         report

@@ -39,6 +39,7 @@ mod suggestion;
 mod take;
 mod test;
 mod track;
+pub mod unheard;
 pub mod units;
 mod value;
 pub mod written;

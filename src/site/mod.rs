@@ -17,6 +17,7 @@
 //! * [`hex`]            bytes as hexadecimal digits
 //! * [`text`]           text of unknown origin, fit for a line
 //! * [`motion`]         one row of a motion of several sensors
+//! * [`overlap`]        records of two sources under one topic
 //! * [`clock`]          the time people's requests carry
 
 pub mod analyse;
@@ -35,6 +36,8 @@ pub mod hex;
 #[cfg(feature = "daemon")]
 pub mod motion;
 pub mod ordered_map;
+#[cfg(feature = "daemon")]
+pub mod overlap;
 #[cfg(feature = "daemon")]
 pub mod pictures;
 pub mod prepared;

@@ -16,6 +16,26 @@ fn a_replay_without_a_configuration_prints_the_papers_frequencies() {
     }
 }
 
+/// The thermometer's topic is there, so no file is without everything, and nothing else would tell of the rod.
+#[test]
+fn a_mistyped_topic_is_named_at_the_end_of_a_replay() {
+    let folder = tempfile::tempdir().unwrap();
+    let good = fs::read_to_string(format!("{ROOT}/config/campaign.toml")).unwrap();
+    let mistyped = good.replace("/nave-3/displacement", "/Nave-3/displacment");
+    assert_ne!(mistyped, good);
+    fs::write(folder.path().join("site.toml"), mistyped).unwrap();
+    tirante(
+        folder.path(),
+        &format!("replay {ROOT}/recordings/campaign-2025.mcap --config site.toml"),
+    )
+    .says(&[
+        "/nave-3/displacement is in the files and belongs to no rod",
+        "the nearest is /Nave-3/displacment (rod nave-3): mend `topic` in its [rod.channel]",
+        "nothing of rod nave-3",
+    ])
+    .ends(3);
+}
+
 #[test]
 fn json_lines_hold_every_promised_field_and_the_same_bytes_at_any_thread_count() {
     let replay = |threads| {

@@ -8,6 +8,7 @@ mod site;
 
 mod backup;
 mod kill;
+mod overlap;
 mod replay_again;
 mod settings_again;
 mod store;

@@ -1,7 +1,10 @@
 //! The baseline: mean log-frequencies of the first records and particles of the static parameters.
 
+mod gross;
 pub(super) mod levels;
 pub(super) mod particles;
+
+pub(crate) use gross::without_gross;
 
 use super::baseline::levels::{Column, LEAST_LOG_SD, Slopes, Square};
 use super::baseline::particles::{Population, Target};
@@ -100,6 +103,19 @@ impl Baseline {
         particles: usize,
         seed: u64,
     ) -> Result<Self, BaselineFault> {
+        let is_kept = without_gross(observations);
+        let kept: Vec<Observation>;
+        let observations = match is_kept.iter().all(|kept| *kept) {
+            true => observations,
+            false => {
+                let both = observations.iter().zip(&is_kept);
+                kept = both
+                    .filter(|(_, kept)| **kept)
+                    .map(|(one, _)| one.clone())
+                    .collect();
+                &kept
+            }
+        };
         let records = observations.len();
         let counts = counts(observations, model.modes().min(MAX_MODES));
         let used = counts.map(|count| count > 0 && 3 * count >= records);

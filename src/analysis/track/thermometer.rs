@@ -7,13 +7,10 @@
 mod fahrenheit;
 mod standstill;
 
-use crate::signal::record::{Reading, Timestamp};
+use crate::signal::record::{POSSIBLE_C, Reading, Timestamp};
 use fahrenheit::Fahrenheit;
 use serde::{Deserialize, Serialize};
 use standstill::{Standstill, Still};
-
-/// Possible temperatures of a rod in a building \[degC\].
-const POSSIBLE_C: std::ops::RangeInclusive<f64> = -60.0..=90.0;
 
 /// Most that the temperature changes at once, what a day without readings and a day of doubted ones add, and the most in
 /// any time \[K\]: weather and sun stay below, and degrees Fahrenheit lie at least 22 K above the same degrees Celsius
@@ -22,6 +19,10 @@ const JUMP_K: f64 = 20.0;
 const SILENT_K_PER_DAY: f64 = 0.5;
 const DOUBTED_K_PER_DAY: f64 = 0.1;
 const MOST_K: f64 = 45.0;
+
+/// Readings that lie far from few accepted ones and near each other: so many, and so many times as many, overrule them.
+const OVERRULING: u32 = 12;
+const OVERRULING_TIMES: u32 = 3;
 
 /// Readings from which there is a level, and those that its mean goes back.
 const FEWEST: u32 = 24;
@@ -34,6 +35,9 @@ pub struct Thermometer {
     last: Option<Reading>,
     /// Time since which readings have lain far from it.
     away: Option<Timestamp>,
+    /// Last of the readings that lie far from it and follow each other, and their number.
+    #[serde(default)]
+    elsewhere: Option<(Reading, u32)>,
     /// Number of accepted readings, and their level: a running mean \[degC\].
     #[serde(default)]
     accepted: u32,
@@ -127,12 +131,16 @@ impl Thermometer {
             JUMP_K + SILENT_K_PER_DAY * days(last.time, away) + DOUBTED_K_PER_DAY * days(away, reading.time);
         if (reading.celsius - last.celsius).abs() > jump_k.min(MOST_K) {
             self.away = Some(away);
+            if self.is_overruled_by(reading) {
+                *self = Self::default();
+                return self.look(reading);
+            }
             if self.fahrenheit.is_none() && self.begins_as_fahrenheit(reading, &last) {
                 return Some(Doubt::Fahrenheit);
             }
             return Some(Doubt::Jump);
         }
-        self.away = None;
+        (self.away, self.elsewhere) = (None, None);
         if passed_s <= 0.0 {
             return None;
         }
@@ -142,6 +150,18 @@ impl Thermometer {
         let still = self.standstill.take(reading);
         self.is_held = still != Still::No;
         (still == Still::Dead).then_some(Doubt::Still)
+    }
+
+    /// True if the readings away follow each other, and are many beside few accepted ones: these were wild, as a thermometer's first
+    /// reading after it was switched on may be, and not all that came since.
+    fn is_overruled_by(&mut self, reading: &Reading) -> bool {
+        let follows = |last: &Reading| (reading.celsius - last.celsius).abs() <= JUMP_K;
+        let before = self
+            .elsewhere
+            .filter(|(last, _)| follows(last))
+            .map_or(0, |(_, count)| count);
+        self.elsewhere = Some((*reading, before + 1));
+        self.accepted < FEWEST && before + 1 >= OVERRULING.max(OVERRULING_TIMES * self.accepted)
     }
 
     /// True if readings in degrees Fahrenheit begin with this one, which lies far from the last.
@@ -223,18 +243,38 @@ mod tests {
         assert!(thermometer.believes(&reading(720.0 + 8768.0, celsius(8768.0))));
     }
 
-    /// A first reading of zero, and one that was wild: what follows is far from it and no other unit.
+    /// A first reading of zero, which those after it overrule, and one that was wild: what follows is far from it and no other unit.
     #[test]
     fn a_wild_reading_makes_no_degrees_fahrenheit_of_those_after_it() {
         let mut thermometer = Thermometer::default();
         assert!(thermometer.believes(&reading(0.0, 0.0)));
         let believed = (1..2400)
             .filter(|hour| thermometer.believes(&reading(f64::from(*hour), 27.0 + f64::from(hour % 3))));
-        assert!(believed.count() > 500);
+        assert_eq!(believed.count(), 2399 - (OVERRULING as usize - 1));
         let mut thermometer = of_a_month();
         assert!(thermometer.believes(&reading(720.0, -4.0)));
         assert!(!thermometer.believes(&reading(721.0, 16.5)));
         assert!(thermometer.believes(&reading(722.0, 12.0)));
+    }
+
+    /// Ten good readings are not overruled by as many in another unit, and a level of a day by none.
+    #[test]
+    fn accepted_readings_are_overruled_only_by_many_more() {
+        for (accepted, doubted) in [(1, 11), (10, 29), (24, 1000)] {
+            let mut thermometer = Thermometer::default();
+            for hour in 0..accepted {
+                assert!(thermometer.believes(&reading(f64::from(hour), 12.0 + f64::from(hour % 2))));
+            }
+            for hour in 0..doubted {
+                let at = reading(f64::from(accepted) + 0.1 * f64::from(hour), 55.0);
+                assert!(!thermometer.believes(&at), "{accepted} {hour}");
+            }
+        }
+        // What jumps about overrules nothing.
+        let mut thermometer = Thermometer::default();
+        assert!(thermometer.believes(&reading(0.0, 0.0)));
+        let wild = |hour: u32| reading(f64::from(hour), if hour.is_multiple_of(2) { 30.0 } else { 60.0 });
+        assert!((1..100).all(|hour| !thermometer.believes(&wild(hour))));
     }
 
     #[test]

@@ -57,7 +57,8 @@ what is on its disk; after a cut the command connects again (after 1 s, then
 longer, up to 30 s) and goes on from there. Without --sender a cut is the end.
 Exit code 0 says that everything is durable; 1 that it is not, or that a
 recording is damaged; 3 that some was left out, with the reason: topics that no
-rod reads, among others. With --topic they are not sent, and nothing is left out.")]
+rod reads, among others. With --topic they are not sent, and nothing is left
+out; 3 says then that no recording has such a topic.")]
 pub struct Args {
     /// MCAP recordings, or folders of them; sent in the order of their data.
     #[arg(value_name = "FILE", required = true)]
@@ -185,6 +186,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         None => error.context("not everything was sent"),
     })?;
     super::print(told(messages.saturating_sub(not_kept), left_out).as_bytes())?;
+    if !args.topics.is_empty() && messages + left_out + durable == 0 {
+        tell!("warning: no message of these recordings has a topic that --topic names");
+        return Ok(ExitCode::from(super::WITH_LOSSES));
+    }
     Ok(match (losses, left_out) {
         (0, 0) => ExitCode::SUCCESS,
         (0, _) => ExitCode::from(super::WITH_LOSSES),

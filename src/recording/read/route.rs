@@ -24,7 +24,7 @@ use super::speakers::Speakers;
 use super::summary::{Summary, TopicSummary};
 use super::tail::{Tail, Tails};
 use crate::analysis::signal::record::{
-    Assembler, Channel, Cut, Event, Moments, RecordSettings, Rejection, RodChannels, RodId, Timestamp,
+    Assembler, Channel, Cut, Event, Moments, RecordSettings, Rejection, RodChannels, RodId, Timestamp, Unit,
 };
 use crate::analysis::track::ordered::Reached;
 use crate::recording::note;
@@ -200,6 +200,15 @@ impl Router {
             return;
         }
         let topic = self.topic(&channel.topic, &channel.encoding);
+        if let Some(said) = channel.metadata("unit").and_then(Unit::as_written) {
+            let channels = self.rods.iter().flat_map(|rod| rod.config.all());
+            let mut units = channels
+                .filter(|own| own.topic == channel.topic)
+                .map(|own| own.unit);
+            self.topics[topic].summary.other_unit = units
+                .find(|unit| *unit != said)
+                .map(|unit| [said.key(), unit.key()]);
+        }
         let rods = self.rods.iter().map(|rod| &rod.config);
         let routes = self.plans.routes(rods, channel, schema);
         let stream = channel.metadata(note::STREAM).map(|name| self.stream(name));

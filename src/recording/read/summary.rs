@@ -41,6 +41,8 @@ pub struct TopicSummary {
     pub undecodable: u64,
     /// Error of the first of them.
     pub fault: Option<String>,
+    /// Unit that the file states where the configuration reads another one: both, as written.
+    pub other_unit: Option<[&'static str; 2]>,
 }
 
 impl Summary {
@@ -107,6 +109,12 @@ impl Summary {
                 sentences.push(format!(
                     "{file}: topic {name}: {} of {} messages give no samples: {fault}",
                     topic.undecodable, topic.messages
+                ));
+            }
+            if let Some([said, read]) = topic.other_unit {
+                sentences.push(format!(
+                    "{file}: topic {name}: the file says {said}, and the configuration reads {read}: mend `unit` of the rod that reads it, or \
+                     the recorder"
                 ));
             }
         }

@@ -393,11 +393,7 @@ impl Courier {
         alarms.retain(|alarm| !alarm.is_over() && self.errand.settings.wants(alarm.kind, &alarm.rod));
         let mut messages = Vec::new();
         for alarm in &alarms {
-            let words = match alarm.acknowledged {
-                Some(_) => reader.acknowledged_words(&alarm.id)?,
-                None => None,
-            };
-            messages.push(Message::standing(site, alarm, words));
+            messages.push(Message::standing(site, alarm, reader.acknowledged_words(alarm)?));
         }
         let mut conditions = reader.standing_notices()?;
         conditions.retain(|begun| self.errand.settings.wants_site_of(&begun.condition));

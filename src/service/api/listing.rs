@@ -116,10 +116,7 @@ impl AlarmAnswer {
     /// # Errors
     /// The store cannot be read.
     pub fn of(reader: &Reader, alarm: Alarm) -> Result<Self, StoreError> {
-        let words = match alarm.acknowledged {
-            Some(_) => reader.acknowledged_words(&alarm.id)?,
-            None => None,
-        };
+        let words = reader.acknowledged_words(&alarm)?;
         Ok(Self::with(alarm, words))
     }
 

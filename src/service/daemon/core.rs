@@ -20,6 +20,7 @@ use crate::service::telemetry::{Fault, Health};
 use crate::site::analyse::{Analysed, LastSeen};
 use crate::site::clock;
 use crate::site::driver::{Done, Held, Job};
+use crate::site::overlap::{self, Change, Overlaps};
 use crate::site::prepared::Generation;
 use crate::site::store::{ConditionEvent, FileMark, Standing, StoreError};
 use crate::site::trackers::{Note, Site, Taken};
@@ -88,6 +89,7 @@ pub struct Core {
     passed: LastSeen,
     silence: Silence,
     left_out: Runs,
+    overlaps: Overlaps,
     retention: Retention,
     vigil: Vigil,
     health: Arc<Health>,
@@ -131,6 +133,7 @@ impl Core {
             passed,
             silence: Silence::default(),
             left_out: Runs::default(),
+            overlaps: Overlaps::default(),
             retention: Retention::default(),
             vigil,
             health,
@@ -258,6 +261,11 @@ impl Core {
             let patience = self.generation.config.alarm.sensor_records;
             self.left_out.take(rod, sensors, patience, &self.health);
         }
+        match self.overlaps.take(outcome, &place.origin) {
+            Some(Change::Begins(detail)) => self.health.hold(Fault::Topic, &overlap::about(rod), detail),
+            Some(Change::Ends) => self.health.over(Fault::Topic, &overlap::about(rod)),
+            None => {}
+        }
         if let Outcome::Rejected(rejected) = outcome {
             let fault = match rejected.rejection {
                 Rejection::Broken { .. } => Fault::Broken,
@@ -319,6 +327,10 @@ impl Core {
             }
         }
         self.left_out.retain(&generation.config, &self.health);
+        let is_configured = |rod: &RodId| generation.config.rods.iter().any(|own| own.analysis.rod == *rod);
+        for rod in self.overlaps.retain(is_configured) {
+            self.health.over(Fault::Topic, &overlap::about(&rod));
+        }
         self.listen(clock::now());
         let settle = Duration::from_secs_f64(generation.config.alert.settle_s);
         self.vigil.set_settle(settle);

@@ -2,7 +2,8 @@
 //! misspelling of the other.
 
 use super::left_out;
-use crate::config::{Config, RodConfig, nearest};
+use crate::config::unheard::{self, Unheard};
+use crate::config::{Config, RodConfig};
 use crate::service::telemetry::{Fault, Health};
 use std::collections::BTreeSet;
 
@@ -10,16 +11,6 @@ use std::collections::BTreeSet;
 #[derive(Debug, Default)]
 pub struct Misnamed {
     held: BTreeSet<String>,
-}
-
-/// A topic of which nothing comes.
-struct Unheard<'c> {
-    topic: &'c str,
-    rod: &'c str,
-    /// Table of the configuration that names it.
-    table: &'static str,
-    /// True for one sensor of a rod that has data, and for a thermometer: it may as well be dead, so only a topic much like it counts.
-    is_one_of_several: bool,
 }
 
 impl Misnamed {
@@ -36,38 +27,20 @@ impl Misnamed {
             .rods
             .iter()
             .flat_map(|rod| {
-                let sensors = unheard(rod, is_unheard(rod), health);
-                let thermometer = rod.channels.temperature.as_ref().filter(|_| is_unread(rod));
-                let thermometer = thermometer.map(|channel| Unheard {
-                    topic: &channel.topic,
-                    rod: &rod.analysis.rod.0,
-                    table: "[rod.temperature]",
-                    is_one_of_several: true,
-                });
-                sensors.into_iter().chain(thermometer)
+                let thermometer = Unheard::thermometer(rod).filter(|_| is_unread(rod));
+                of_sensors(rod, is_unheard(rod), health)
+                    .into_iter()
+                    .chain(thermometer)
             })
             .collect();
         let mut holds = BTreeSet::new();
         for topic in health.strays().topics() {
-            let candidates = unheard.iter().map(|unheard| unheard.topic);
-            let nearest = nearest(&topic, candidates).filter(|_| !config.reads(&topic));
-            let meant = nearest.and_then(|(edits, meant)| {
-                let is_alike = 3 * edits <= meant.chars().count();
-                let mut of_it = unheard.iter().filter(|unheard| unheard.topic == meant);
-                of_it.find(|unheard| is_alike || !unheard.is_one_of_several)
-            });
-            let Some(Unheard {
-                topic: meant,
-                rod,
-                table,
-                ..
-            }) = meant
-            else {
+            let Some(meant) = unheard::meant(config, &unheard, &topic) else {
                 continue;
             };
             let detail = format!(
-                "topic {topic} comes and belongs to no rod; of those of which nothing comes, the nearest is {meant} \
-                 (rod {rod}): mend `topic` in its {table}, or the sender"
+                "topic {topic} comes and belongs to no rod; of those of which nothing comes, {}",
+                meant.remedy()
             );
             health.hold(Fault::Topic, &topic, detail);
             holds.insert(topic);
@@ -79,26 +52,16 @@ impl Misnamed {
     }
 }
 
-/// Topics of a rod of which nothing comes: of one that has data those of its sensors that are left out of every record.
-fn unheard<'c>(rod: &'c RodConfig, is_unheard: bool, health: &Health) -> Vec<Unheard<'c>> {
+/// Topics of a rod's sensors of which nothing comes: of one that has data those that are left out of every record.
+fn of_sensors<'c>(rod: &'c RodConfig, is_unheard: bool, health: &Health) -> Vec<Unheard<'c>> {
     let id = &rod.analysis.rod;
     let is_left_out = |number: usize| {
         let sensor = rod.analysis.sensors.get(number);
         sensor.is_some_and(|sensor| health.lasts(Fault::LeftOut, &left_out::about(id, &sensor.name)))
     };
-    let channels = rod.channels.sensors().enumerate();
-    channels
-        .filter(|(number, _)| is_unheard || is_left_out(*number))
-        .map(|(number, channel)| Unheard {
-            topic: &channel.topic,
-            rod: &id.0,
-            table: match number {
-                0 => "[rod.channel]",
-                _ => "[[rod.sensor]]",
-            },
-            is_one_of_several: !is_unheard,
-        })
-        .collect()
+    let sensors = Unheard::sensors(rod, !is_unheard).enumerate();
+    let sensors = sensors.filter(|(number, _)| is_unheard || is_left_out(*number));
+    sensors.map(|(_, sensor)| sensor).collect()
 }
 
 #[cfg(test)]

@@ -19,6 +19,7 @@ use crate::service::viewer::Signals;
 use crate::site::driver::{Job, Loads};
 use crate::site::prepared::Generation;
 use crate::site::store::{Carry, FileMark, FileState};
+use std::collections::BTreeSet;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -505,8 +506,37 @@ impl Work {
         }
     }
 
+    /// Says that recordings of the folder that were read before are not read again for topics that are read from now on.
+    fn tell_new_topics(&self, generation: &Generation) {
+        let Some(folder) = generation
+            .config
+            .ingest
+            .folder
+            .as_ref()
+            .filter(|_| self.folder.is_some())
+        else {
+            return;
+        };
+        let rods = generation.config.rods.iter();
+        let topics = rods
+            .flat_map(|rod| rod.channels.all())
+            .map(|channel| channel.topic.as_str());
+        let new: BTreeSet<&str> = topics
+            .filter(|topic| !self.generation.config.reads(topic))
+            .collect();
+        if !new.is_empty() {
+            let new = new.into_iter().collect::<Vec<_>>().join(", ");
+            tracing::warn!(
+                "{new}: read from now on; the recordings in {} that were read before are not read again: `touch` those with such a topic, and \
+                 the records in them that are not in the store are added",
+                folder.display()
+            );
+        }
+    }
+
     /// Cuts records by another configuration from here on.
     fn change(&mut self, generation: Arc<Generation>) -> Result<(), Stopped> {
+        self.tell_new_topics(&generation);
         let folder = self.folder.as_mut();
         let steps = folder.map(|folder| folder.change(&channels(&generation), &generation.config.record));
         for step in steps.into_iter().flatten() {

@@ -8,6 +8,7 @@ use crate::config::Config;
 use crate::service::alert::Conditions;
 use crate::service::telemetry::{Fault, Health};
 use crate::site::clock;
+use crate::site::overlap;
 use crate::site::store::{ConditionEvent, Reader, StoreError, Stretch};
 use crate::site::trackers::Site;
 use std::collections::BTreeMap;
@@ -187,7 +188,7 @@ impl Vigil {
 /// Holds a condition of before the start that only new data can end; the others are found again by looking.
 fn stands_on(notice: &ConditionEvent, health: &Health) {
     let is = |fault: Fault| notice.fault == fault.code();
-    if is(Fault::Topic) {
+    if is(Fault::Topic) && !overlap::is_about(&notice.about) {
         health.strays().came(&notice.about);
     }
     for fault in [Fault::Behind, Fault::Clock, Fault::LeftOut]

@@ -197,15 +197,11 @@ impl Reader {
         rows.into_iter()
             .map(|(number, rod, json)| {
                 let event: AlarmEvent = state::read(&rod, &json)?;
-                let words = match event.alarm.acknowledged {
-                    Some(_) => self.acknowledged_words(&event.alarm.id)?,
-                    None => None,
-                };
                 Ok(News {
                     number,
                     rod: RodId(rod),
+                    words: self.acknowledged_words(&event.alarm)?,
                     event,
-                    words,
                 })
             })
             .collect()

@@ -196,12 +196,27 @@ impl Reader {
         Ok(found.pop())
     }
 
-    /// Words of the person who acknowledged an alarm: `NAME: TEXT`.
+    /// Words of the person who acknowledged an alarm: `NAME: TEXT`; `None` for an alarm that is not acknowledged.
     ///
     /// # Errors
     /// They cannot be read.
-    pub fn acknowledged_words(&self, alarm: &str) -> Result<Option<String>, StoreError> {
-        request::said_of(&self.connection, alarm).map_err(|trouble| self.fault(trouble))
+    pub fn acknowledged_words(&self, alarm: &Alarm) -> Result<Option<String>, StoreError> {
+        if alarm.acknowledged.is_none() {
+            return Ok(None);
+        }
+        request::said_of(&self.connection, &alarm.id).map_err(|trouble| self.fault(trouble))
+    }
+
+    /// The same of several alarms, by their ids.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn words_of(&self, alarms: &[Alarm]) -> Result<BTreeMap<String, String>, StoreError> {
+        let words = alarms.iter().map(|alarm| {
+            let words = self.acknowledged_words(alarm)?;
+            Ok(words.map(|words| (alarm.id.clone(), words)))
+        });
+        words.filter_map(Result::transpose).collect()
     }
 
     /// Reasons given with the applied requests for a baseline of a rod, in order.

@@ -83,16 +83,7 @@ impl Reader {
         let mut standings = standings.map_err(|failure| self.fault(failure))?;
         for standing in &mut standings {
             standing.waiting = self.waiting(&standing.rod)?;
-            for alarm in standing
-                .alarms
-                .iter()
-                .filter(|alarm| alarm.acknowledged.is_some())
-            {
-                let words = self.acknowledged_words(&alarm.id)?;
-                standing
-                    .words
-                    .extend(words.map(|words| (alarm.id.clone(), words)));
-            }
+            standing.words = self.words_of(&standing.alarms)?;
         }
         Ok(standings)
     }

@@ -216,8 +216,10 @@ impl PeakSearch {
         let nperseg = self.welch.nperseg(record.fs_hz, n);
         let welch = self.welch(record.fs_hz, nperseg).map_err(too_short)?;
         let spectrum = welch.run(&record.samples).map_err(too_short)?;
-        let picked = |record: &Record, spectrum: &Spectrum| self.picked(record, spectrum, low_hz, high_hz);
-        let (mut parts, mut peaks) = picked(record, &spectrum).map_err(too_short)?;
+        let picked = |record: &Record, spectrum: &Spectrum, has_releases: bool| {
+            self.picked(record, spectrum, (low_hz, high_hz), has_releases)
+        };
+        let (mut parts, mut peaks) = picked(record, &spectrum, true).map_err(too_short)?;
         let refined =
             |record: &Record, peaks: &[Peak], parts: &Parts, masks: &[Mask], tones: &[SteadyTone]| {
                 let search = Search {
@@ -229,6 +231,11 @@ impl PeakSearch {
                 refine(&self.transforms, record, peaks, &search)
             };
         let mut found = refined(record, &peaks, &parts, &[], &[]);
+        let has_releases = !found.is_gust;
+        if !has_releases {
+            (parts, peaks) = picked(record, &spectrum, false).map_err(too_short)?;
+            found = refined(record, &peaks, &parts, &[], &[]);
+        }
         // Without the tones beside its modes the record shows other peaks.
         let mut tones: Vec<SteadyTone> = Vec::new();
         let mut cleaned = Cow::Borrowed(record);
@@ -238,7 +245,7 @@ impl PeakSearch {
             }
             tones.append(&mut found.tones);
             let spectrum = welch.run(&cleaned.samples).map_err(too_short)?;
-            (parts, peaks) = picked(&cleaned, &spectrum).map_err(too_short)?;
+            (parts, peaks) = picked(&cleaned, &spectrum, has_releases).map_err(too_short)?;
             add_beside(&mut peaks, &tones, spectrum.df_hz);
             found = refined(&cleaned, &peaks, &parts, &[], &tones);
         }
@@ -259,17 +266,17 @@ impl PeakSearch {
         })
     }
 
-    /// Parts of a record and the peaks of its spectrum.
+    /// Parts of a record, cut at its releases if it has any, and the peaks of its spectrum.
     fn picked(
         &self,
         record: &Record,
         spectrum: &Spectrum,
-        low_hz: f64,
-        high_hz: f64,
+        (low_hz, high_hz): (f64, f64),
+        has_releases: bool,
     ) -> Result<(Parts, Vec<Peak>), WelchError> {
         let mut peaks = pick_peaks(spectrum, &self.peaks, low_hz, high_hz);
         let strongest = peaks.iter().max_by(|a, b| a.height_db.total_cmp(&b.height_db));
-        let parts = Parts::of(record, strongest.map(|peak| peak.frequency_hz));
+        let parts = Parts::of(record, strongest.map(|peak| peak.frequency_hz), has_releases);
         if !parts.releases.is_empty() {
             // A segment across an onset has skirts, and peaks on them, that no mode made.
             let part = &record.samples[parts.main.from..parts.main.to];

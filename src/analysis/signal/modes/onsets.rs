@@ -36,6 +36,8 @@ pub struct Release {
     pub before: usize,
     /// A sample surely after the onset.
     pub after: usize,
+    /// True for one of a train of blows.
+    pub is_of_train: bool,
 }
 
 /// The motions that begin within a record, in time order; `scale_hz` is the frequency of its strongest peak.
@@ -88,6 +90,7 @@ pub fn releases(samples: &[f64], fs_hz: f64, scale_hz: f64) -> Vec<Release> {
         Release {
             before: pull_began(samples, before, after, period),
             after,
+            is_of_train: false,
         }
     };
     found.into_iter().map(place).collect()

@@ -51,8 +51,9 @@ pub struct Parts {
 
 impl Parts {
     /// Divides a record. One with declared excitation is one part: all of it, or from its largest deflection
-    /// on. Any other is divided at its releases. `scale_hz` is the frequency of its strongest peak.
-    pub fn of(record: &Record, scale_hz: Option<f64>) -> Self {
+    /// on. Any other is divided at its releases, if it `has_releases`, and at the blows of a train. `scale_hz` is the frequency of its
+    /// strongest peak.
+    pub fn of(record: &Record, scale_hz: Option<f64>, has_releases: bool) -> Self {
         let samples = &record.samples;
         let total = samples.len();
         let known = |from, start| Part {
@@ -77,7 +78,9 @@ impl Parts {
                 parts.main = known(largest_deflection(samples), Start::Free);
             }
             (None, Some(scale_hz)) => {
-                parts.releases = releases(samples, record.fs_hz, scale_hz);
+                if has_releases {
+                    parts.releases = releases(samples, record.fs_hz, scale_hz);
+                }
                 let period = record.fs_hz / scale_hz;
                 let blows = train(samples, period);
                 let least = match blows.is_empty() {
@@ -85,7 +88,7 @@ impl Parts {
                     false => LEAST_TRAIN_PERIODS,
                 };
                 parts.add_train(blows, period);
-                let most = parts.between(&parts.cuts()).into_iter().max_by(|a, b| {
+                let most = parts.between([]).into_iter().max_by(|a, b| {
                     let motion = |part: &Part| motion(&samples[part.from..part.to]);
                     motion(a).total_cmp(&motion(b))
                 });
@@ -111,19 +114,20 @@ impl Parts {
         self.releases.sort_unstable_by_key(|release| release.after);
     }
 
-    /// The releases as cuts.
-    fn cuts(&self) -> Vec<(usize, usize)> {
-        self.releases.iter().map(|r| (r.before, r.after)).collect()
-    }
-
-    /// Parts between cuts that are long enough; a cut is the last sample before and the first sample after an
-    /// onset.
-    pub fn between(&self, cuts: &[(usize, usize)]) -> Vec<Part> {
-        let mut cuts = cuts.to_vec();
-        cuts.sort_unstable();
+    /// Parts between the onsets and further blows that are long enough; a blow is the last sample before and the first sample
+    /// after it. What begins with a release may be a gust that set in, and is tested.
+    pub fn between(&self, blows: impl IntoIterator<Item = (usize, usize)>) -> Vec<Part> {
+        let free = Beginning::Known(Start::Free);
+        let releases = self.releases.iter().map(|at| {
+            let beginning = if at.is_of_train { free } else { Beginning::Tested };
+            (at.before, at.after, beginning)
+        });
+        let blows = blows.into_iter().map(|(before, after)| (before, after, free));
+        let mut cuts: Vec<_> = releases.chain(blows).collect();
+        cuts.sort_unstable_by_key(|(before, after, _)| (*before, *after));
         let (mut from, mut beginning) = (0, Beginning::Tested);
         let mut parts = Vec::new();
-        for (before, after) in cuts.into_iter().chain([(self.total, self.total)]) {
+        for (before, after, next) in cuts.into_iter().chain([(self.total, self.total, free)]) {
             if before >= from + self.least {
                 parts.push(Part {
                     from,
@@ -131,7 +135,7 @@ impl Parts {
                     beginning,
                 });
             }
-            (from, beginning) = (after.max(from), Beginning::Known(Start::Free));
+            (from, beginning) = (after.max(from), next);
         }
         parts
     }
@@ -160,6 +164,11 @@ impl Parts {
         self.least
     }
 
+    /// True if the main part begins with a release, which may be a gust that set in.
+    pub fn begins_at_release(&self) -> bool {
+        self.main.beginning == Beginning::Tested && self.main.from > 0
+    }
+
     /// Samples of the main part if it decays, so that quickly damped modes are searched for near its
     /// beginning.
     pub fn decay<'a>(&self, samples: &'a [f64]) -> Option<&'a [f64]> {
@@ -169,7 +178,7 @@ impl Parts {
         let decays = match self.main.beginning {
             Beginning::Known(Start::Stationary) => false,
             Beginning::Known(Start::Free) => true,
-            Beginning::Tested => falls(),
+            Beginning::Tested => self.begins_at_release() || falls(),
         };
         decays.then_some(part)
     }

@@ -49,6 +49,8 @@ pub struct Refinement {
     pub resonances: Vec<Resonance>,
     /// Motion that was recognised.
     pub motion: Motion,
+    /// True if what seemed to be a release set in and went on: to be refined again without a cut there.
+    pub is_gust: bool,
     /// Steady tones beside resonances, which pull them: to be subtracted from the record before it is refined again.
     pub tones: Vec<SteadyTone>,
 }
@@ -148,6 +150,7 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
     resonances.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     Refinement {
         resonances,
+        is_gust: search.parts.begins_at_release() && strongest_start(&judged) == Some(Start::Stationary),
         motion: work.motion(main, &judged, &weak),
         tones: beside
             .into_iter()
@@ -170,11 +173,10 @@ impl<'a> Work<'a> {
     fn parts(&self, weak: &[Blow]) -> Vec<Part> {
         let sample =
             |t: f64| ((t * self.record.fs_hz).round().max(0.0) as usize).min(self.record.samples.len());
-        let strong = self.search.parts.releases.iter().map(|at| (at.before, at.after));
         let weak = weak
             .iter()
             .map(|blow| (sample(blow.before_s), sample(blow.after_s)));
-        self.search.parts.between(&strong.chain(weak).collect::<Vec<_>>())
+        self.search.parts.between(weak)
     }
 
     fn stretch(&self, part: Part) -> Stretch<'a> {
@@ -250,16 +252,9 @@ impl<'a> Work<'a> {
             };
             return Motion { kind, onsets_s };
         }
-        let is_sure = |fit: &Fit| !fit.resonance.line && fit.resonance.foreign_log_odds <= 0.0;
-        let is_sure_seen = fits.iter().any(is_sure);
         let decays_at_once = main.beginning == Beginning::Tested
-            && fits
-                .iter()
-                // A tone goes on from the first sample to the last, which a free start explains, too; so does what may be one,
-                // where a sure mode is there to ask.
-                .filter(|fit| !fit.resonance.line && (!is_sure_seen || is_sure(fit)))
-                .max_by(|a, b| a.resonance.peak_to_noise.total_cmp(&b.resonance.peak_to_noise))
-                .is_some_and(|fit| fit.start == Start::Free);
+            && !self.search.parts.begins_at_release()
+            && strongest_start(fits) == Some(Start::Free);
         let mut onsets_s: Vec<f64> = self
             .search
             .parts
@@ -280,6 +275,19 @@ impl<'a> Work<'a> {
         onsets_s.sort_by(f64::total_cmp);
         Motion { kind, onsets_s }
     }
+}
+
+/// Start of the strongest mode.
+fn strongest_start(fits: &[Fit]) -> Option<Start> {
+    let is_sure = |fit: &Fit| !fit.resonance.line && fit.resonance.foreign_log_odds <= 0.0;
+    let is_sure_seen = fits.iter().any(is_sure);
+    // A tone goes on from the first sample to the last, which a free start explains, too; so does what may be one, where a sure
+    // mode is there to ask.
+    let asked = fits
+        .iter()
+        .filter(|fit| !fit.resonance.line && (!is_sure_seen || is_sure(fit)));
+    let strongest = asked.max_by(|a, b| a.resonance.peak_to_noise.total_cmp(&b.resonance.peak_to_noise));
+    strongest.map(|fit| fit.start)
 }
 
 /// Resonance of one mode averaged over its fits to all parts; `whole` is the fit to the main part.

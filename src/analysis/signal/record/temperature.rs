@@ -1,9 +1,10 @@
 //! The temperature beside a record: its mean over the record's time span, and the readings since the
-//! record before, thinned to one mean per five minutes.
+//! record before, thinned to one mean per five minutes. A single wild reading moves neither.
 
 use super::Timestamp;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 
 /// Greatest age of the last reading when none falls into a record \[s\].
 const STALE_S: i64 = 900;
@@ -13,6 +14,12 @@ const KEPT: usize = 20_000;
 const BIN_S: i64 = 300;
 /// Most sums that wait to be handed out; beyond, the oldest are merged.
 const FRESH: usize = 4096;
+
+/// Possible temperatures of a rod in a building \[degC\]: iron in the sun stays below, and a common digital thermometer gives
+/// 85 when it was just switched on.
+pub const POSSIBLE_C: RangeInclusive<f64> = -60.0..=80.0;
+/// Distance from their median beyond which one of three or more readings of five minutes, or of a record, is wild \[K\].
+const WILD_K: f64 = 10.0;
 
 /// One temperature reading.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -134,12 +141,11 @@ impl Temperature {
     pub fn mean(&self, start: Timestamp, end: Timestamp) -> Option<f64> {
         let second = |time: Timestamp| time.as_nanos().div_euclid(1_000_000_000);
         let (from, to) = (second(start), second(end).max(second(start)));
-        let (sum, count) = self
-            .seconds
-            .range(from..=to)
-            .fold((0.0, 0u32), |(sum, count), (_, reading)| {
-                (sum + reading.0, count + reading.1)
-            });
+        let within = || self.seconds.range(from..=to).map(|(_, reading)| *reading);
+        let is_kept = plausible(within().map(|(sum, count)| sum / f64::from(count)));
+        let (sum, count) = within()
+            .filter(|(sum, count)| is_kept(sum / f64::from(*count)))
+            .fold((0.0, 0u32), |all, reading| (all.0 + reading.0, all.1 + reading.1));
         if count > 0 {
             return Some(sum / f64::from(count));
         }
@@ -151,24 +157,35 @@ impl Temperature {
     }
 }
 
-/// Sums over bins of `width_s`, each under its first second.
+/// Sums over bins of `width_s`, each under its first second, without what is not [`plausible`] beside the others of its bin.
 fn merged(sums: BTreeMap<i64, Sum>, width_s: i64) -> BTreeMap<i64, Sum> {
-    let mut bins: BTreeMap<i64, Sum> = BTreeMap::new();
-    let mut open: Option<(i64, Sum)> = None;
-    for (first, sum) in sums {
-        match &mut open {
-            Some((start, bin)) if start.div_euclid(width_s) == first.div_euclid(width_s) => {
-                bin.celsius += sum.celsius;
-                bin.after_s += sum.after_s + sum.count * (first - *start) as f64;
-                bin.count += sum.count;
-            }
-            _ => {
-                bins.extend(open.replace((first, sum)));
-            }
+    let sums: Vec<(i64, Sum)> = sums.into_iter().collect();
+    let bins = sums.chunk_by(|one, next| one.0.div_euclid(width_s) == next.0.div_euclid(width_s));
+    bins.map(|bin| {
+        let start = bin[0].0;
+        let is_kept = plausible(bin.iter().map(|(_, sum)| sum.celsius / sum.count));
+        let mut whole = Sum::default();
+        for (first, sum) in bin.iter().filter(|(_, sum)| is_kept(sum.celsius / sum.count)) {
+            whole.celsius += sum.celsius;
+            whole.after_s += sum.after_s + sum.count * (first - start) as f64;
+            whole.count += sum.count;
         }
+        (start, whole)
+    })
+    .collect()
+}
+
+/// Tells which of some readings of about the same time count: of those that are possible, if any are, those within [`WILD_K`] of their
+/// median, if there are three. Readings of which none is possible all count: what judges them afterwards says so.
+fn plausible(celsius: impl Iterator<Item = f64>) -> impl Fn(f64) -> bool {
+    let mut possible: Vec<f64> = celsius.filter(|celsius| POSSIBLE_C.contains(celsius)).collect();
+    let middle = possible.len() / 2;
+    let median = (possible.len() >= 3).then(|| *possible.select_nth_unstable_by(middle, f64::total_cmp).1);
+    move |celsius| {
+        possible.is_empty()
+            || (POSSIBLE_C.contains(&celsius)
+                && median.is_none_or(|median| (celsius - median).abs() <= WILD_K))
     }
-    bins.extend(open);
-    bins
 }
 
 #[cfg(test)]
@@ -183,12 +200,12 @@ mod tests {
     fn readings_leave_once_and_thinned() {
         let mut temperature = Temperature::default();
         for second in (0..1200).step_by(10) {
-            temperature.push(at(second), second as f64);
+            temperature.push(at(second), second as f64 / 64.0);
         }
         let first = temperature.take(at(700));
         let reading = |second: i64| Reading {
             time: at(second),
-            celsius: second as f64,
+            celsius: second as f64 / 64.0,
         };
         // Means over 0..300, 300..600 and 600..=700; every mean time is the mean value here.
         assert_eq!(first, [reading(145), reading(445), reading(650)]);
@@ -225,6 +242,26 @@ mod tests {
             last.windows(2)
                 .all(|pair| pair[1].time.seconds_since(pair[0].time) == 300.0)
         );
+    }
+
+    /// What a digital thermometer gives when it was just switched on, or with a broken wire.
+    #[test]
+    fn a_wild_reading_moves_neither_five_minutes_nor_the_record() {
+        for wild in [85.0, -127.0, 40.0] {
+            let mut temperature = Temperature::default();
+            for second in [0, 60, 120, 180] {
+                temperature.push(at(second), if second == 0 { wild } else { 7.0 });
+            }
+            assert_eq!(temperature.mean(at(0), at(300)), Some(7.0), "{wild}");
+            let readings = temperature.take(at(300));
+            assert_eq!(readings.len(), 1);
+            assert_eq!((readings[0].time, readings[0].celsius), (at(120), 7.0), "{wild}");
+        }
+        // Alone it stays what it is, for the judgement of the thermometer.
+        let mut temperature = Temperature::default();
+        temperature.push(at(0), -127.0);
+        assert_eq!(temperature.mean(at(0), at(300)), Some(-127.0));
+        assert_eq!(temperature.take(at(300))[0].celsius, -127.0);
     }
 
     #[test]

@@ -5,6 +5,7 @@ use super::loss::Shown;
 use super::state::State;
 use super::tracker::Tracker;
 use crate::signal::record::Timestamp;
+use crate::track::baseline::without_gross;
 use crate::track::drift::period::{self, Pending};
 use crate::track::observation::Observation;
 use crate::track::plausibility::{JUMP_S, LONGEST_SILENCE_S};
@@ -60,6 +61,8 @@ impl Tracker {
                 self.shift = Some(self.plan.shift(&baseline));
                 state.segment.baseline = Some(baseline);
                 let learned = std::mem::take(&mut state.learning);
+                let mut is_kept = without_gross(&learned[..intact]);
+                is_kept.resize(learned.len(), true);
                 let provisional = state.early.as_ref().map_or(0, |early| early.baseline.records);
                 self.end_early();
                 // Records after the change in the last period before it would make that a mixture.
@@ -69,7 +72,8 @@ impl Tracker {
                 let is_mixed = |start: Timestamp| {
                     intact < wanted && until.is_some_and(|last| start > last && index(start) == index(last))
                 };
-                for observation in learned.into_iter().filter(|one| !is_mixed(one.start)) {
+                let kept = learned.into_iter().zip(is_kept).filter(|(_, kept)| *kept);
+                for (observation, _) in kept.filter(|(one, _)| !is_mixed(one.start)) {
                     if let Some(Ok(relative)) = self.relative(&observation) {
                         self.await_period(Pending::new(&observation, &relative));
                     }

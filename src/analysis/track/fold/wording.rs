@@ -20,7 +20,9 @@ pub(super) fn drift_message(change: &Change, witness: Witness, alternatives: Opt
         Witness::Unconfirmed => "; the other rods do not confirm it yet",
         Witness::Alone => "; no other rods bear witness: a thermometer that drifts looks the same",
         Witness::Peers => "; there is no temperature, the other rods of the site stand in for it",
-        Witness::Blind => "; there is no temperature: a sudden change of weather may look the same",
+        Witness::Blind => {
+            "; it was compared with neither a temperature nor the other rods: a sudden change of weather may look the same"
+        }
     };
     let (as_if, explained) = match alternatives {
         None => ("", String::new()),

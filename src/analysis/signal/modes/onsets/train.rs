@@ -49,6 +49,7 @@ pub fn train(samples: &[f64], period: f64) -> Vec<Release> {
             .map(|&at| Release {
                 before: at - 2,
                 after: at + 1,
+                is_of_train: true,
             })
             .collect(),
         _ => Vec::new(),

@@ -36,6 +36,18 @@ fn a_mistyped_topic_is_named_at_the_end_of_a_replay() {
     .ends(3);
 }
 
+/// The configuration's unit counts; the file may be right.
+#[test]
+fn another_unit_in_the_file_is_a_warning_with_both() {
+    let folder = tempfile::tempdir().unwrap();
+    let good = fs::read_to_string(format!("{ROOT}/config/todi.toml")).unwrap();
+    let other = good.replace("unit = \"m\"", "unit = \"mm\"");
+    assert_ne!(other, good);
+    fs::write(folder.path().join("site.toml"), other).unwrap();
+    tirante(folder.path(), &format!("replay {PULL} --config site.toml"))
+        .says(&["the file says m, and the configuration reads mm: mend `unit`"]);
+}
+
 #[test]
 fn json_lines_hold_every_promised_field_and_the_same_bytes_at_any_thread_count() {
     let replay = |threads| {

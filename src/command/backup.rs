@@ -1,6 +1,5 @@
 //! `tirante backup`: copies a store, while the daemon writes to it.
 
-use super::BadArguments;
 use super::which_store::WhichStore;
 use crate::site::store::Reader;
 use std::fs;
@@ -35,12 +34,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .parent()
         .filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir())
     {
-        let text = format!(
+        anyhow::bail!(
             "{}: the folder {} does not exist",
             args.target.display(),
             folder.display()
         );
-        return Err(BadArguments(text).into());
     }
     reader.copy_to(&args.target)?;
     let bytes = fs::metadata(&args.target)?.len();

@@ -82,7 +82,13 @@ fn no_store_is_written_over_and_no_damage_is_copied() {
     assert_eq!(before, (fs::read(&path).unwrap(), fs::read(&other).unwrap()));
 
     let lost = folder.path().join("no/such/folder/copy");
-    assert_eq!(backup(&path, &lost).status.code(), Some(1));
+    let output = backup(&path, &lost);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        said(&output).contains("no/such/folder does not exist"),
+        "{}",
+        said(&output)
+    );
 
     // Changed letters in the lines of records: SQLite sees nothing, the checksums of the rows do.
     let mut bytes = fs::read(&path).unwrap();

@@ -150,7 +150,10 @@ pub fn refine(transforms: &Transforms, record: &Record, peaks: &[Peak], search: 
     resonances.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     Refinement {
         resonances,
-        is_gust: search.parts.begins_at_release() && strongest_start(&judged) == Some(Start::Stationary),
+        // Where further blows lie between the releases, nothing but their sum is stationary.
+        is_gust: search.parts.begins_at_release()
+            && weak.is_empty()
+            && strongest_start(&judged) == Some(Start::Stationary),
         motion: work.motion(main, &judged, &weak),
         tones: beside
             .into_iter()

@@ -4,7 +4,7 @@ mod gross;
 pub(super) mod levels;
 pub(super) mod particles;
 
-pub(crate) use gross::without_gross;
+pub(crate) use gross::are_sound;
 
 use super::baseline::levels::{Column, LEAST_LOG_SD, Slopes, Square};
 use super::baseline::particles::{Population, Target};
@@ -103,7 +103,7 @@ impl Baseline {
         particles: usize,
         seed: u64,
     ) -> Result<Self, BaselineFault> {
-        let is_kept = without_gross(observations);
+        let is_kept = are_sound(observations);
         let kept: Vec<Observation>;
         let observations = match is_kept.iter().all(|kept| *kept) {
             true => observations,

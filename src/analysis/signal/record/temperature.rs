@@ -244,7 +244,7 @@ mod tests {
         );
     }
 
-    /// What a digital thermometer gives when it was just switched on, or with a broken wire.
+    /// Readings of a digital thermometer that was just switched on, of one with a broken wire, and a wild one that could be.
     #[test]
     fn a_wild_reading_moves_neither_five_minutes_nor_the_record() {
         for wild in [85.0, -127.0, 40.0] {

@@ -15,7 +15,7 @@ const FAR: f64 = 0.03;
 const OVER_MAD: f64 = 1.4826;
 
 /// True for each record of a baseline but those in which a mode lies grossly off all others; for all of them if these are many.
-pub(crate) fn without_gross(observations: &[Observation]) -> Vec<bool> {
+pub(crate) fn are_sound(observations: &[Observation]) -> Vec<bool> {
     let mut is_gross = vec![false; observations.len()];
     for order in 1..=MAX_MODES {
         let value = |observation: &Observation| {
@@ -78,12 +78,12 @@ mod tests {
     #[test]
     fn a_row_of_shifted_modes_is_left_out_and_weather_is_not() {
         let shifted = rows(30, |i, order| weather(i, if i == 13 { order + 1 } else { order }));
-        let kept: Vec<usize> = (0..30).filter(|&i| !without_gross(&shifted)[i]).collect();
+        let kept: Vec<usize> = (0..30).filter(|&i| !are_sound(&shifted)[i]).collect();
         assert_eq!(kept, [13]);
-        assert!(without_gross(&rows(30, weather)).iter().all(|kept| *kept));
+        assert!(are_sound(&rows(30, weather)).iter().all(|kept| *kept));
         // Many are none: a force that changed, or two rods of one topic.
         let step = rows(30, |i, order| weather(i, order) - if i < 10 { 0.3 } else { 0.0 });
-        assert!(without_gross(&step).iter().all(|kept| *kept));
-        assert!(without_gross(&shifted[10..18]).iter().all(|kept| *kept));
+        assert!(are_sound(&step).iter().all(|kept| *kept));
+        assert!(are_sound(&shifted[10..18]).iter().all(|kept| *kept));
     }
 }

@@ -5,7 +5,7 @@ use super::loss::Shown;
 use super::state::State;
 use super::tracker::Tracker;
 use crate::signal::record::Timestamp;
-use crate::track::baseline::without_gross;
+use crate::track::baseline::are_sound;
 use crate::track::drift::period::{self, Pending};
 use crate::track::observation::Observation;
 use crate::track::plausibility::{JUMP_S, LONGEST_SILENCE_S};
@@ -61,7 +61,7 @@ impl Tracker {
                 self.shift = Some(self.plan.shift(&baseline));
                 state.segment.baseline = Some(baseline);
                 let learned = std::mem::take(&mut state.learning);
-                let mut is_kept = without_gross(&learned[..intact]);
+                let mut is_kept = are_sound(&learned[..intact]);
                 is_kept.resize(learned.len(), true);
                 let provisional = state.early.as_ref().map_or(0, |early| early.baseline.records);
                 self.end_early();

@@ -66,6 +66,23 @@ pub(super) fn read_all(root: &mut Table<'_>, shared: &Shared) -> Vec<Option<RodC
         }
         rod
     });
+    for thermometer in rods.iter().flatten().map(|rod| &rod.channels) {
+        let Some(channel) = &thermometer.temperature else {
+            continue;
+        };
+        let is_same =
+            |(topic, field, _): &&(String, String, usize)| (topic, field) == (&channel.topic, &channel.field);
+        if let Some((topic, field, line)) = channels.iter().find(is_same) {
+            root.fault_of(
+                "rod",
+                format!(
+                    "the temperature of rod {} is topic \"{topic}\", field \"{field}\", which is the motion of the rod in line {line}: \
+                     name the topic of its thermometer",
+                    thermometer.rod
+                ),
+            );
+        }
+    }
     if rods.is_empty() && !root.has("rod") {
         root.absence_of(
             "rod",

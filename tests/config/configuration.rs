@@ -291,6 +291,12 @@ fn duplicates_are_refused() {
             .replace("[rod.priors]", "[rod.priors]\ndiameter_m = 0.05"),
     );
     assert!(found.iter().any(|m| m.contains("duplicate key")), "{found:?}");
+    let topic = MINIMAL.lines().find(|line| line.starts_with("topic")).unwrap();
+    let found = messages(&format!("{MINIMAL}\n[rod.temperature]\n{topic}\n"));
+    assert!(
+        found.len() == 1 && found[0].contains("which is the motion of the rod in line 4"),
+        "{found:?}"
+    );
 }
 
 #[test]

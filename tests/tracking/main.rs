@@ -12,5 +12,6 @@ mod relative;
 mod rods;
 mod silence;
 mod tested;
+mod together;
 mod tracking_coverage;
 mod tracking_trouble;

@@ -19,6 +19,21 @@ pub struct Rods {
 impl Rods {
     /// Some rods; the force of the first changes on these days by these shares, and it is measured `earlier_h` before the others.
     pub fn new(count: usize, days: usize, seed: u64, steps: &[(f64, f64)], earlier_h: f64) -> Self {
+        Self::of(count, days, seed, (steps, 1), earlier_h)
+    }
+
+    /// Some rods measured together; the force of the first `changed` changes on these days by these shares.
+    pub fn alike(count: usize, days: usize, seed: u64, changed: usize, steps: &[(f64, f64)]) -> Self {
+        Self::of(count, days, seed, (steps, changed), 0.0)
+    }
+
+    fn of(
+        count: usize,
+        days: usize,
+        seed: u64,
+        (steps, changed): (&[(f64, f64)], usize),
+        earlier_h: f64,
+    ) -> Self {
         let mut trackers = BTreeMap::new();
         let mut records: Vec<(RodId, Observation)> = Vec::new();
         for (place, name) in RODS[..count].iter().enumerate() {
@@ -27,7 +42,7 @@ impl Rods {
                 theta[0] *= 1.0 - 0.08 * place as f64;
             }
             scenario.rod.thermal.restraint = 0.3 + 0.1 * place as f64;
-            for (day, share) in steps.iter().filter(|_| place == 0) {
+            for (day, share) in steps.iter().filter(|_| place < changed) {
                 scenario = scenario.step(*day, *share);
             }
             let rod = RodId((*name).to_owned());

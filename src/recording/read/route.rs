@@ -1,6 +1,8 @@
 //! Routes messages of a file's channels to the rods: decodes them and passes the samples to the assemblers.
 
 mod ahead;
+mod counted;
+mod events;
 mod holes;
 mod join;
 mod memory;
@@ -16,17 +18,15 @@ pub(super) use rod::{Files, Rod};
 pub(super) use timed::Timed;
 
 use super::decode::{DecodeError, SchemaRef};
-use super::lanes::{self, Found};
 use super::mcap::{ChannelInfo, Item, Message};
 use super::plans::{Plans, Route};
 use super::recording::Block;
 use super::speakers::Speakers;
-use super::summary::{Summary, TopicSummary};
+use super::summary::TopicSummary;
 use super::tail::{Tail, Tails};
 use crate::analysis::signal::record::{
-    Assembler, Channel, Cut, Event, Moments, RecordSettings, Rejection, RodChannels, RodId, Timestamp, Unit,
+    Assembler, Cut, Moments, RecordSettings, Rejection, RodChannels, RodId, Timestamp, Unit,
 };
-use crate::analysis::track::ordered::Reached;
 use crate::recording::note;
 use ahead::Ahead;
 use memory::WEIGHED_EVERY;
@@ -396,17 +396,6 @@ impl Router {
         }
     }
 
-    /// Topics so far.
-    pub fn topics(&self) -> impl Iterator<Item = (&str, &TopicSummary)> {
-        let topics = self.topics.iter();
-        topics.map(|topic| (topic.name.as_str(), &topic.summary))
-    }
-
-    /// Number of messages of all topics.
-    pub fn messages(&self) -> u64 {
-        self.topics.iter().map(|topic| topic.summary.messages).sum()
-    }
-
     /// Number of messages of a rod so far, to be restored after a restart.
     pub(super) fn messages_of(&self, at: usize) -> u64 {
         self.counts.get(at).map_or(0, |count| count.messages)
@@ -419,135 +408,6 @@ impl Router {
             rod.is_followed = samples > 0;
             rod.assembler = assembler;
             *count = Count { messages, samples };
-        }
-    }
-
-    /// Moves the events so far to `to`.
-    pub fn events(&mut self, to: &mut Ready) {
-        to.append(&mut self.ready);
-    }
-
-    /// Collects the rods' events; with `all`, none waits for another sensor any more.
-    fn collect(&mut self, all: bool) {
-        let mut found = Vec::new();
-        for lanes in self.rods.chunk_by_mut(|_, next| next.sensor > 0) {
-            lanes::collect(lanes, all, &mut found);
-        }
-        self.take(found);
-    }
-
-    fn take(&mut self, found: Vec<Found>) {
-        if found.is_empty() {
-            return;
-        }
-        let mut reached = self.reached();
-        let mut timed = Vec::with_capacity(found.len());
-        // Of moments that close together the later are still to come when the first does.
-        for (at, event, origin) in found.into_iter().rev() {
-            let before = match &event {
-                Event::Moment(moment) => reached
-                    .iter()
-                    .map(|(rod, reached)| {
-                        let own = (*rod == moment.rod).then_some(at);
-                        (rod.clone(), reached.iter().copied().chain(own).min())
-                    })
-                    .collect(),
-                _ => Arc::clone(&reached),
-            };
-            timed.push(Timed {
-                event,
-                at,
-                reached: std::mem::replace(&mut reached, before),
-                origin,
-            });
-        }
-        self.ready.extend(timed.into_iter().rev());
-    }
-
-    /// Times up to which each rod has been read.
-    pub fn reached(&self) -> Reached {
-        let rods = self.rods.chunk_by(|_, next| next.sensor > 0);
-        rods.filter(|lanes| lanes.iter().any(|lane| lane.is_followed))
-            .filter_map(|lanes| {
-                let first = lanes.first()?;
-                let own = |sensor: usize| lanes.get(sensor)?.assembler.complete_until();
-                let reached = match &first.moments {
-                    None => own(0),
-                    Some(moments) => moments.complete_until(|sensor| own(sensor).is_some()),
-                };
-                Some((first.config.rod.clone(), reached))
-            })
-            .collect()
-    }
-
-    /// Ends every stream; `damage` describes the part not read and gives one rejection for each rod with
-    /// messages in the file.
-    pub fn finish(&mut self, cut_short: bool, damage: Option<&str>, to: &mut Ready) {
-        self.go_on_to_the_end();
-        for (rod, count) in self.rods.iter_mut().zip(&self.counts) {
-            rod.finish(*count, cut_short, damage);
-        }
-        self.collect(true);
-        self.events(to);
-    }
-
-    /// Ends one of several files that are read side by side. Records continue in the next one if this one
-    /// ended properly.
-    pub fn end_file(&mut self, cut_short: bool, damage: Option<&str>) {
-        self.go_on_to_the_end();
-        let fed = self.rods.iter_mut().zip(&self.counts);
-        for (rod, count) in fed.filter(|(_, count)| count.messages > 0) {
-            if cut_short || self.ends_with_file {
-                rod.assembler.finish(cut_short);
-                rod.assembler.renew(true);
-            }
-            rod.tell_nothing(*count, damage);
-        }
-        self.collect(false);
-    }
-
-    /// Events of the samples left at the very end.
-    pub fn ended(mut self) -> impl Iterator<Item = Timed> {
-        let mut last = Ready::default();
-        self.finish(false, None, &mut last);
-        last.take()
-    }
-
-    /// Adds the counts of messages to a summary.
-    pub fn summarise(&self, summary: &mut Summary) {
-        summary.unverified = self.unverified;
-        let topics = self.topics.iter();
-        summary.topics = topics
-            .map(|topic| (topic.name.clone(), topic.summary.clone()))
-            .collect();
-        summary.holes = self.holes.clone();
-        for (what, counts) in [
-            ("records end early", &self.cuts),
-            ("moments did not wait for every sensor", &self.released),
-        ] {
-            for (at, times) in counts {
-                let Some(Rod { config, .. }) = self.rods.get(*at) else {
-                    continue;
-                };
-                summary.notes.push(format!(
-                    "{}: rod {}: {times} {what}: the samples of all rods together took too much memory",
-                    summary.file, config.rod
-                ));
-            }
-        }
-        summary.missing.clear();
-        summary.wanted = 0;
-        summary.samples.clear();
-        for (Rod { config, sensor, .. }, count) in self.rods.iter().zip(&self.counts) {
-            *summary.samples.entry(config.rod.clone()).or_default() += count.samples;
-            let temperature = config.temperature.as_ref().filter(|_| *sensor == 0);
-            let wanted = [Some(&config.displacement), temperature];
-            for Channel { topic, .. } in wanted.into_iter().flatten() {
-                summary.wanted += 1;
-                if !summary.topics.contains_key(topic) {
-                    summary.missing.push((config.rod.clone(), topic.clone()));
-                }
-            }
         }
     }
 }

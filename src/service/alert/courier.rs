@@ -327,6 +327,8 @@ impl Courier {
             Some(place) => place,
             None => {
                 let place = Place::new(reader)?;
+                // Nothing waited at the start.
+                self.is_starting = false;
                 for (mark, through) in place.marks(id) {
                     self.report(&mark, through)?;
                 }

@@ -82,6 +82,17 @@ impl Detector {
         Some((first, moments(&parts).0))
     }
 
+    /// Probability that a change goes on since before the first period; zero where a later onset is likelier, since the onset's interval
+    /// would reach over all the time for it.
+    fn standing_share(&self, after: Option<f64>) -> f64 {
+        let Some(ramp) = self.standing.as_ref().filter(|_| after.is_none()) else {
+            return 0.0;
+        };
+        let later = ln_sum(self.weights());
+        let share = (1.0 + libm::exp(later - ramp.ln_part())).recip();
+        if share > 0.5 { share } else { 0.0 }
+    }
+
     /// Posterior of a change over the onset particles; `None` before the first is born.
     pub fn change(&self) -> Option<Change> {
         self.change_since(None, None)
@@ -90,11 +101,18 @@ impl Detector {
     /// Posterior of a change, its evidence by onsets after a time \[d\] and its onset after another, not later one.
     pub fn change_since(&self, after: Option<f64>, from: Option<f64>) -> Option<Change> {
         let (day, weights) = (self.last_day()?, self.shares(after)?);
-        let mut parts = Vec::with_capacity(weights.len());
+        let particles = self.particles.iter().zip(weights);
+        let standing = self.standing_share(after);
+        let changes: Vec<(&Particle, f64)> = particles
+            .map(|(particle, weight)| (particle, (1.0 - standing) * weight))
+            .chain(self.standing.iter().map(|ramp| (ramp, standing)))
+            .filter(|(_, weight)| *weight > 0.0)
+            .collect();
+        let mut parts = Vec::with_capacity(changes.len());
         let mut rates = Vec::new();
-        let mut onsets = Vec::with_capacity(weights.len());
+        let mut onsets = Vec::with_capacity(changes.len());
         let mut ramp_probability = 0.0;
-        for (particle, &weight) in self.particles.iter().zip(&weights) {
+        for (particle, weight) in changes {
             let (mean, sd) = particle.bank.change();
             parts.push(particle.part(day, weight, (mean, sd)));
             onsets.push((particle.onsets.after(from), weight));

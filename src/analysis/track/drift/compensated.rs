@@ -43,10 +43,10 @@ struct Level {
 }
 
 impl Compensated {
-    /// One before its first period: `reference_c` is the reference temperature, `origin` the day of the period.
-    pub fn new(prior: BankPrior, reference_c: f64, origin: f64, knows_temperature: bool) -> Self {
+    /// One before its first period: `reference_c` is the reference temperature, `origin` the day of the period, `limit` R of an alarm.
+    pub fn new(prior: BankPrior, reference_c: f64, origin: f64, limit: f64, knows_temperature: bool) -> Self {
         Self {
-            detector: Detector::new(prior),
+            detector: Detector::new(prior).beside_standing_ramp(origin, limit),
             regressors: Regressors { reference_c, origin },
             knows_others: false,
             knows_temperature,
@@ -55,9 +55,9 @@ impl Compensated {
     }
 
     /// One beside it that knows the other rods, too, before its first period.
-    pub fn beside_others(&self, prior: BankPrior) -> Self {
+    pub fn beside_others(&self, prior: BankPrior, limit: f64) -> Self {
         Self {
-            detector: Detector::new(prior),
+            detector: Detector::new(prior).beside_standing_ramp(self.regressors.origin, limit),
             knows_others: true,
             level: Level::default(),
             ..*self

@@ -33,6 +33,8 @@ use serde::{Deserialize, Serialize};
 
 /// Number of periods before the first onset is considered.
 const BEFORE: usize = 4;
+/// Odds that the force changes year by year since before the first period, against none.
+const STANDING_ODDS: f64 = 0.3;
 /// Days between the births of ramps.
 const RAMP_EVERY_D: f64 = 7.0;
 /// Least age in the spacing of onsets \[d\].
@@ -109,12 +111,21 @@ pub(super) struct Particle {
     pub bank: Bank,
 }
 
+impl Particle {
+    /// ln of its part of R.
+    pub(super) fn ln_part(&self) -> f64 {
+        self.ln_weight + libm::log(self.shape.share())
+    }
+}
+
 /// Null bank and onset particles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Detector {
     pub(super) prior: BankPrior,
     pub(super) null: Bank,
     pub(super) particles: Vec<Particle>,
+    /// Ramp that goes on since before the first period: it has no part in R, but in what is said of a change.
+    pub(super) standing: Option<Particle>,
     periods: usize,
     /// Number of periods since the null bank began or was restarted.
     fresh: usize,
@@ -132,12 +143,28 @@ impl Detector {
             null: Bank::new(&prior),
             prior,
             particles: Vec::new(),
+            standing: None,
             periods: 0,
             fresh: 0,
             began: None,
             ramp: None,
             ramp_periods: 0,
         }
+    }
+
+    /// The same, beside a ramp that may have begun before the first period, that of a day; `limit`: periods between onsets.
+    pub(super) fn beside_standing_ramp(mut self, day: f64, limit: f64) -> Self {
+        let weight = STANDING_ODDS * limit.max(1.0) / Shape::Ramp.share();
+        self.standing = Some(Particle {
+            shape: Shape::Ramp,
+            onset: day,
+            latest: day,
+            is_again: false,
+            onsets: Onsets::between(day, day),
+            ln_weight: libm::log(weight),
+            bank: self.null.with_change(Shape::Ramp.size()),
+        });
+        self
     }
 
     /// A period as the banks take it.
@@ -185,7 +212,7 @@ impl Detector {
         self.null.advance(&passage);
         let law = self.null.law(&row);
         let under_null = (self.null).learn(&self.prior, &row, &passage, &mut workspace);
-        for particle in &mut self.particles {
+        for particle in self.particles.iter_mut().chain(&mut self.standing) {
             let h = particle.shape.regressor(passage.day - particle.onset);
             particle.bank.advance(&passage);
             let under_change =
@@ -314,7 +341,7 @@ impl Detector {
     /// ln of each particle's part of R by changes that began after a time \[d\].
     pub(super) fn weights_since(&self, after: Option<f64>) -> impl Iterator<Item = f64> + Clone {
         self.particles.iter().map(move |particle| {
-            let weight = particle.ln_weight + libm::log(particle.shape.share());
+            let weight = particle.ln_part();
             match after {
                 None => weight,
                 Some(_) => weight + libm::log(particle.onsets.later_than(after)),
@@ -370,6 +397,7 @@ impl Detector {
     pub fn restart(&mut self) {
         self.null.loosen(&self.prior);
         self.particles.clear();
+        self.standing = None;
         (self.fresh, self.ramp, self.ramp_periods) = (0, None, 0);
     }
 }

@@ -18,8 +18,8 @@ impl Detector {
     /// c = (y - y_0) - (X - X_0) b,    var c = q + sigma^2 (R + r + r2 + x'P x + (1 + r s(tau) + r2 s(tau2)) / level)
     /// ```
     ///
-    /// averaged over the members of the null bank and of the onset particles, with the odds of one onset in `limit` periods: a
-    /// change must not be learned as something the columns do. The fluctuation counts with its whole variance: what lasts for
+    /// averaged over the members of the null bank and of the onset particles, with the odds of one onset in `limit` periods, and of a ramp
+    /// that goes on since before the first period: a change must not be learned as something the columns do. The fluctuation counts with its whole variance: what lasts for
     /// days only is no change. `None` for a period that cannot be used.
     pub fn change_from_level(
         &self,
@@ -55,15 +55,15 @@ impl Detector {
         self.average(limit, &along, &vec![0.0; self.prior.members.len()], 0.0)
     }
 
-    /// Mean of x'b over the columns and the standard deviation of x'b + e, over null bank and onset particles; var e = sigma^2 `own`, by
+    /// Mean of x'b over the columns and the standard deviation of x'b + e, over null bank, standing ramp and onset particles; var e = sigma^2 `own`, by
     /// the index of a member, and `unread`.
     fn average(&self, limit: f64, x: &[f64], own: &[f64], unread: f64) -> (f64, f64) {
         let null = libm::log(limit.max(1.0));
-        let whole = ln_sum(self.weights().chain([null]));
-        let particles = self.particles.iter().map(|particle| &particle.bank);
-        let banks = particles
-            .zip(self.weights())
-            .chain([(&self.null, null)])
+        let changes = self.particles.iter().chain(&self.standing);
+        let changes = changes.map(|particle| (&particle.bank, particle.ln_part()));
+        let all = changes.chain([(&self.null, null)]);
+        let whole = ln_sum(all.clone().map(|(_, weight)| weight));
+        let banks = all
             .map(|(bank, weight)| (bank, libm::exp(weight - whole)))
             .filter(|(_, share)| *share > NEGLIGIBLE);
         let mut sums = Sums::default();

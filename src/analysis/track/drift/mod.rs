@@ -45,6 +45,8 @@ pub mod regressors;
 pub mod row;
 #[cfg(test)]
 mod stand_in;
+#[cfg(test)]
+mod standing;
 mod unread;
 pub mod watch;
 

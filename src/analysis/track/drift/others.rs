@@ -1,6 +1,7 @@
 //! The other rods of a site, as input of one rod's drift watch.
 
 use super::companions::{InPeriod, PATIENCE};
+use super::gain::middle;
 use crate::signal::record::Timestamp;
 use std::fmt::Debug;
 
@@ -10,10 +11,17 @@ use std::fmt::Debug;
 pub(crate) const MOVING: f64 = 50.0;
 
 /// Deviation of a rod's latest ratio, in standard deviations, from which it may show the movement of another rod.
-const DEVIATING_SD: f64 = 2.0;
+pub(crate) const DEVIATING_SD: f64 = 2.0;
+
+/// Oldest movement that a rod can deny by its latest ratio \[d\].
+const DENIED_D: f64 = 4.0;
+/// Standard deviations of a rod's latest ratio by which a movement would have to show in it, if it stands still.
+const DENYING_SD: f64 = 5.0;
 
 /// Least share of the size expected from another rod's change that moves with it: less is a fluctuation of its own.
 const SHARED: f64 = 0.3;
+/// Least share of the larger of two changes that the smaller one is, if the rods changed alike.
+const ALIKE: f64 = 0.5;
 /// Most and least credible ratio of the slopes by which two rods follow a temperature.
 const SLOPES: [f64; 2] = [1.0 / 3.0, 3.0];
 
@@ -22,6 +30,8 @@ const SLOPES: [f64; 2] = [1.0 / 3.0, 3.0];
 pub(crate) struct Movement {
     /// Time since which another rod's change may be the same \[d\].
     pub since: f64,
+    /// Time since its earliest credible onset \[d\].
+    pub age_d: f64,
     /// Change as a share of the force.
     pub size: f64,
     /// Slope of the ratio with temperature \[1/K\], if it is known.
@@ -32,10 +42,29 @@ impl Movement {
     /// True if another rod moved by as much in the same direction, each by its slope: as a wrong temperature, the weather, or the whole
     /// structure would move it.
     fn is_shared_by(&self, other: &dyn Neighbour, size: f64) -> bool {
+        size / self.size > SHARED * self.by_slopes(other)
+    }
+
+    /// Movement of another rod over this one, by the slopes of both.
+    fn by_slopes(&self, other: &dyn Neighbour) -> f64 {
         let [least, most] = SLOPES;
         let slopes = self.slope_per_k.zip(other.slope_per_k());
         let ratio = slopes.map_or(1.0, |(own, other)| (other / own).clamp(least, most));
-        size / self.size > SHARED * if ratio.is_nan() { 1.0 } else { ratio }
+        if ratio.is_nan() { 1.0 } else { ratio }
+    }
+
+    /// True if another rod stands still where a wrong temperature, the weather or the whole structure would have moved it far beyond its
+    /// error. Only of the last days: what moves rods by and by is learned as a fluctuation of the one that moves less.
+    fn is_denied_by(&self, other: &dyn Neighbour) -> bool {
+        if self.age_d > DENIED_D {
+            return false;
+        }
+        let latest = other.latest_deviations(self.since).into_iter().flatten().last();
+        let expected = self.size * self.by_slopes(other).min(1.0);
+        let moved = other.moved_alone(self.since) / expected;
+        latest.is_some_and(|(off, sd)| {
+            expected.abs() > DENYING_SD * sd && off / expected < SHARED && moved.abs() < SHARED
+        })
     }
 
     /// True if another rod's watch shows evidence of this movement.
@@ -44,6 +73,13 @@ impl Movement {
         other.evidence(since) > MOVING
             && other.evidence_alone(since) > MOVING
             && self.is_shared_by(other, other.size())
+    }
+
+    /// True if another rod shows by its temperature alone that it changed by much the same share of force: what a whole structure does.
+    /// The median holds such a change, so that beside it none may show.
+    fn is_shared_alike(&self, other: &dyn Neighbour) -> bool {
+        let share = other.moved_alone(self.since) / self.size;
+        (ALIKE..=ALIKE.recip()).contains(&share)
     }
 
     /// True if the latest ratios of another rod lie off by as much: one period is no evidence by itself, and the rod that comes first
@@ -84,6 +120,10 @@ pub trait Neighbour: Debug + Sync {
 
     /// Change as it stands now, as a share of the force.
     fn size(&self) -> f64;
+
+    /// Change that the rod shows by its temperature alone, as a share of the force: what began after a time \[d\] where that is evident,
+    /// else the deviation of its latest record; zero without either.
+    fn moved_alone(&self, since: f64) -> f64;
 
     /// Slope of the ratio with temperature \[1/K\], if it is known.
     fn slope_per_k(&self) -> Option<f64>;
@@ -165,10 +205,26 @@ impl<'a> Others<'a> {
 
     /// Number of them that show the same movement or begin to, or were reported to have moved together.
     pub(crate) fn moving(&self, index: i64, movement: &Movement) -> usize {
-        let moves = |rod: &dyn Neighbour| movement.shows_in(rod) || movement.begins_in(rod);
+        let moves = |rod: &dyn Neighbour| {
+            movement.shows_in(rod) || movement.begins_in(rod) || movement.is_shared_alike(rod)
+        };
         self.followed(index)
             .filter(|rod| (!rod.is_confirmed() && moves(*rod)) || rod.has_moved_with_others())
             .count()
+    }
+
+    /// Number of them that stand still where this movement would have moved them.
+    pub(crate) fn denying(&self, index: i64, movement: &Movement) -> usize {
+        self.followed(index)
+            .filter(|rod| movement.is_denied_by(*rod))
+            .count()
+    }
+
+    /// Change that they show by temperature alone since a time \[d\], as a share of the force: the median, of two in the middle the lesser.
+    pub(crate) fn moved_alone(&self, index: i64, since: f64) -> f64 {
+        let moved = self.followed(index).map(|rod| rod.moved_alone(since)).collect();
+        let [one, other] = middle(moved).unwrap_or_default();
+        if one.abs() < other.abs() { one } else { other }
     }
 
     /// True while fewer than half of those that are followed have been measured in a period.

@@ -67,6 +67,13 @@ impl Neighbour for Rod {
     fn size(&self) -> f64 {
         self.moved.map_or(0.0, |moved| moved.size)
     }
+    fn moved_alone(&self, since: f64) -> f64 {
+        if self.evidence(Some(since)) > 0.0 {
+            self.size()
+        } else {
+            0.0
+        }
+    }
     fn slope_per_k(&self) -> Option<f64> {
         None
     }
@@ -430,6 +437,7 @@ fn what_another_rod_brings_about_waits_whatever_showed_before() {
 fn a_rod_whose_last_period_is_off_as_well_moves_with_it() {
     let movement = Movement {
         since: 98.0,
+        age_d: 2.0,
         size: -0.09,
         slope_per_k: None,
     };

@@ -108,7 +108,8 @@ pub(super) fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &O
                 .watch
                 .get()
                 .map_or(0, |watch| watch.moving(others, period.index));
-            let message = common_message(&change, moving, others.count());
+            let is_loss = state.watches.stands(Cause::Loss);
+            let message = common_message(&change, moving, others.count(), is_loss);
             let known = Known {
                 change: Some(change),
                 ..Known::default()

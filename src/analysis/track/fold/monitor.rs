@@ -214,7 +214,11 @@ fn look_at_limit(tracker: &mut Tracker, period: &Period, others: &Others, time: 
     let watch = tracker.state.watch.get();
     let found = |watch: &&DriftWatch| watch.finding(others, period.index, false);
     let seems_common = |watch: &&DriftWatch| matches!(found(watch), Finding::Common | Finding::Waiting);
-    let common = watch.filter(seems_common).map_or(0.0, |watch| watch.size().abs());
+    // What was told of this rod, and a loss that the frequencies themselves show, is no thermometer's.
+    let is_its_own = tracker.state.drifts() || tracker.state.watches.stands(Cause::Loss);
+    let common = watch
+        .filter(|watch| !is_its_own && seems_common(watch))
+        .map_or(0.0, |watch| watch.size().abs());
     let common = common.max(tracker.state.common_size());
     let sd = charted_sd.hypot(common).hypot(static_sd(
         tracker.shift.as_ref(),

@@ -4,7 +4,7 @@ use super::state::State;
 use crate::signal::record::Timestamp;
 use crate::track::alarm::{Alarm, Cause, Kind};
 use crate::track::drift::companions::FORGOTTEN;
-use crate::track::drift::others::Neighbour;
+use crate::track::drift::others::{DEVIATING_SD, MOVING, Neighbour};
 use crate::track::drift::period::{self, Charted, Pending, Period};
 use crate::track::drift::watch::{DriftWatch, Witness};
 
@@ -80,6 +80,16 @@ impl Neighbour for State {
 
     fn size(&self) -> f64 {
         self.watch.get().map_or(0.0, DriftWatch::size)
+    }
+
+    fn moved_alone(&self, since: f64) -> f64 {
+        let Some(watch) = self.watch.get() else { return 0.0 };
+        if watch.evidence_alone(Some(since)) > MOVING {
+            return watch.size_alone(since).unwrap_or(0.0);
+        }
+        let [_, open] = self.latest_deviations(since);
+        let off = open.filter(|(off, sd)| off.abs() > DEVIATING_SD * sd);
+        off.map_or(0.0, |(off, _)| off)
     }
 
     fn slope_per_k(&self) -> Option<f64> {

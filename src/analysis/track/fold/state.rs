@@ -7,7 +7,7 @@ use super::scatter::Scatter;
 use super::silence::Doubted;
 use super::verdict::RodState;
 use crate::signal::record::{Reading, RodId, Timestamp};
-use crate::track::alarm::{Alarm, Kind, Watches};
+use crate::track::alarm::{Alarm, Cause, Kind, Watches};
 use crate::track::baseline::Baseline;
 use crate::track::drift::Filters;
 use crate::track::drift::Law;
@@ -174,9 +174,9 @@ impl State {
 
     /// Size of the change that rods show together, as a share of the force; zero while none is reported. Its
     /// cause is the thermometer or the structure: until that is known, a change at the reference temperature
-    /// is uncertain by as much.
+    /// is uncertain by as much. It is known of a sudden loss that the frequencies themselves show: no thermometer makes it.
     pub(super) fn common_size(&self) -> f64 {
-        if !self.moves_with_others() {
+        if !self.moves_with_others() || self.watches.stands(Cause::Loss) {
             return 0.0;
         }
         let change = self.watch.get().and_then(DriftWatch::change);

@@ -48,10 +48,15 @@ pub(super) fn sized(size: &Interval) -> String {
     )
 }
 
-pub(super) fn common_message(change: &Change, moving: usize, others: usize) -> String {
+/// `is_loss`: the frequencies themselves show a sudden loss beyond the limit.
+pub(super) fn common_message(change: &Change, moving: usize, others: usize, is_loss: bool) -> String {
+    let causes = if is_loss {
+        "the whole structure, since the frequencies themselves fell at once, which no thermometer and no weather explains"
+    } else {
+        "the thermometer, the weather, or the whole structure; no rod differs from the others"
+    };
     format!(
-        "{} of {} rods moved together since about {}: the thermometer, the weather, or the whole structure; no rod differs from the \
-         others",
+        "{} of {} rods moved together since about {}: {causes}",
         moving + 1,
         others + 1,
         date(change.onset)

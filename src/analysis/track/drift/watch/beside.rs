@@ -33,7 +33,13 @@ impl DriftWatch {
             }
         };
         let (origin, knows_temperature) = (period.start.days(), terms.thermal.is_some());
-        self.compensated = Some(Compensated::new(prior, reference_c, origin, knows_temperature));
+        self.compensated = Some(Compensated::new(
+            prior,
+            reference_c,
+            origin,
+            terms.limit,
+            knows_temperature,
+        ));
         if self.peers.is_some() {
             self.set_beside_others(terms);
         }
@@ -102,7 +108,7 @@ impl DriftWatch {
             && let Some(alone) = self.compensated.take_if(|one| one.knows_temperature)
         {
             let prior = BankPrior::thermal_and_peers(self.noise_sd, thermal);
-            self.compensated = Some(alone.beside_others(prior));
+            self.compensated = Some(alone.beside_others(prior, terms.limit));
             self.by_temperature = Some(alone);
         }
     }

@@ -29,14 +29,24 @@ impl DriftWatch {
     /// R of the detector with the most inputs that does not use the other rods, so that no other rod can raise it, by changes that
     /// began after a time \[d\].
     pub fn evidence_alone(&self, since: Option<f64>) -> f64 {
-        let knows_no_others = || self.compensated.as_ref().filter(|one| !one.knows_others);
-        let by_temperature = self.by_temperature.as_ref().or_else(knows_no_others);
-        match by_temperature.filter(|_| self.last.alone) {
+        match self.alone() {
             Some(one) => one.detector.statistic_since(since),
             None => self
                 .blind
                 .statistic_since(latest(since, self.by_temperature_until.until)),
         }
+    }
+
+    /// Change by temperature alone of what began after a time \[d\], as a share of the force; `None` without a temperature.
+    pub(crate) fn size_alone(&self, since: f64) -> Option<f64> {
+        self.alone()?.detector.size_since(Some(since))
+    }
+
+    /// The detector with temperature that does not use the other rods, if it took the last period.
+    fn alone(&self) -> Option<&Compensated> {
+        let knows_no_others = || self.compensated.as_ref().filter(|one| !one.knows_others);
+        let by_temperature = self.by_temperature.as_ref().or_else(knows_no_others);
+        by_temperature.filter(|_| self.last.alone)
     }
 
     /// Expected change of the ratio beside the other rods, true changes being rarer than false alarms: zero while there is little

@@ -91,10 +91,14 @@ impl DriftWatch {
         }
     }
 
-    /// True unless too many of the other rods move: what moves them together is no change of one.
+    /// True unless too many of the other rods move, more than stand still: what moves them together is no change of one.
     pub(crate) fn is_calm(&self, others: &Others, index: i64) -> bool {
-        let count = others.count();
-        count < companions::FEWEST || self.moving(others, index) as f64 <= MOVING_SHARE * count as f64
+        let (count, moving) = (others.count(), self.moving(others, index));
+        let denying = || {
+            self.movement()
+                .map_or(0, |movement| others.denying(index, &movement))
+        };
+        count < companions::FEWEST || moving as f64 <= MOVING_SHARE * count as f64 || moving <= denying()
     }
 
     /// Number of other rods that share the change.
@@ -108,6 +112,7 @@ impl DriftWatch {
         let ((onset, size), now) = (self.onset_and_size()?, self.blind.began()?);
         Some(Movement {
             since: 2.0 * onset - now,
+            age_d: now - onset,
             size,
             slope_per_k: self.slope().map(|(slope, _)| slope),
         })
@@ -116,6 +121,21 @@ impl DriftWatch {
     /// True if the change shows without the other rods: by what began with it, since R over all the past grows without a change.
     pub(crate) fn shows_alone(&self) -> bool {
         self.evidence_alone(self.movement().map(|movement| movement.since)) > MOVING
+    }
+
+    /// True if most of the other rods changed in the same direction and this one lost or gained no share of force of its own. Beside the median
+    /// a rod is expected to follow by its gain g, as weather and a wrong thermometer move it; what moves the whole structure changes all
+    /// alike. With M the others' change and Y this one's, both by temperature alone, `peers` sees Y - g M: where Y - M is of the other sign or
+    /// less than half of that, the gain alone makes what `peers` sees.
+    fn is_like_others(&self, others: &Others, index: i64) -> bool {
+        let apart_from_all = || {
+            let since = self.movement()?.since;
+            let own = self.size_alone(since)?;
+            let theirs = others.moved_alone(index, since);
+            let beside = self.peers.as_ref()?.size_since(None)?;
+            (own * theirs > 0.0).then(|| (own - theirs) / beside)
+        };
+        apart_from_all().is_some_and(|share| share < NEARER_SHARE)
     }
 
     /// True if a larger change of a rod in the median, of about the same age, may be what shows relative to the median.
@@ -174,9 +194,10 @@ impl DriftWatch {
         }
         let has_witnesses = self.has_witnesses();
         if self.above.compensated {
-            if has_witnesses && self.above.peers {
+            let is_like_others = self.is_like_others(others, index);
+            if has_witnesses && self.above.peers && !is_like_others {
                 Finding::Drift(Witness::Confirmed)
-            } else if !self.is_calm(others, index) {
+            } else if is_like_others || !self.is_calm(others, index) {
                 let rods = (others.count() + 1) as f64;
                 if !self.are_others_late && self.watching_statistic() > rods * self.limit {
                     Finding::Common

@@ -4,7 +4,7 @@ mod channels;
 mod clock;
 mod exchange;
 
-use super::observation::Observation;
+use super::observation::{LogMode, Observation};
 use super::plausibility::channels::{Shown, Swap, last_own, moves, without};
 use super::plausibility::exchange::{Channel, Pair};
 use crate::signal::record::{RodId, Timestamp};
@@ -34,6 +34,11 @@ const EXCHANGED: f64 = 0.99;
 /// Largest distance in time of two channels' records that are tested for showing one rod \[h\].
 const ALIKE_H: f64 = 24.0;
 
+/// Number of records in a row that are those of another rod before one is doubted, and fewest modes that are equal in each: rounded
+/// frequencies of like rods may be equal once.
+const COPIES: u32 = 3;
+const COPIED_MODES: usize = 2;
+
 /// Number of records of a channel remembered.
 const REMEMBERED: usize = 4;
 
@@ -46,6 +51,8 @@ pub enum Doubt {
     Clock,
     /// Its frequencies jumped to those of another rod.
     Channel(RodId),
+    /// It is another rod's record: equal to the last digit, of the same time, several times in a row.
+    Copy(RodId),
 }
 
 impl Doubt {
@@ -62,6 +69,10 @@ impl Doubt {
             Self::Channel(rod) => {
                 format!("the frequencies are those of rod {rod}: check which sensor is on which channel")
             }
+            Self::Copy(rod) => format!(
+                "the records of this rod and of rod {rod} are one signal, equal to the last digit: one channel is recorded under two \
+                 topics, and neither rod is known to be its own; check the recorder"
+            ),
         }
     }
 }
@@ -79,6 +90,18 @@ pub(super) fn shows_another(observation: &Observation, peers: &[Peer]) -> bool {
             (peer.shown.back()).is_some_and(|last| last.time.seconds_since(theirs.time) < SILENCE_S)
         };
         peer.shown.iter().filter(is_late).any(shows)
+    })
+}
+
+/// True if a record is one of another rod's, of the same time: no two rods move alike to the last digit.
+fn is_copy(observation: &Observation, peer: &Peer) -> bool {
+    let same_time = |theirs: &&Shown| theirs.time == observation.start;
+    peer.shown.iter().find(same_time).is_some_and(|theirs| {
+        let is_theirs = |own: &LogMode| {
+            (theirs.modes.iter())
+                .any(|mode| mode.log_frequency == own.log_frequency && mode.log_sd == own.log_sd)
+        };
+        observation.modes.len() >= COPIED_MODES && observation.modes.iter().all(is_theirs)
     })
 }
 
@@ -104,6 +127,9 @@ pub struct Plausibility {
     /// A rod whose signal the channel may carry, by its frequencies.
     #[serde(default)]
     alike: Option<RodId>,
+    /// Number of records in a row that were another rod's to the last digit.
+    #[serde(default)]
+    copies: u32,
     /// Time from which records were accepted as the rod's own before the exchange was found.
     #[serde(skip)]
     wrong_since: Option<Timestamp>,
@@ -133,7 +159,13 @@ impl Plausibility {
             return Some(Doubt::Amplitude);
         }
         self.alike = self.alike_to(observation, peers);
-        let doubt = self.channel(rod, observation, peers);
+        let copied = peers.iter().find(|peer| is_copy(observation, peer));
+        self.copies = copied.map_or(0, |_| self.copies.saturating_add(1));
+        let copied = copied.filter(|_| self.copies >= COPIES);
+        let doubt = match copied {
+            Some(peer) => Some(Doubt::Copy(peer.rod.clone())),
+            None => self.channel(rod, observation, peers),
+        };
         if self.shown.back().is_none_or(|last| last.time < observation.start) {
             if self.shown.len() == REMEMBERED {
                 self.shown.pop_front();
@@ -296,7 +328,6 @@ impl Plausibility {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::track::observation::LogMode;
 
     pub(super) fn at(day: f64, frequencies: [f64; 3], rms: f64) -> Observation {
         Observation {
@@ -364,5 +395,34 @@ mod tests {
             is_own: true,
         });
         assert!(!shows_another(&after, &[back.as_peer(&RodId("b".into()))]));
+    }
+
+    #[test]
+    fn one_signal_under_two_topics_is_no_rod_of_its_own() {
+        let (mut first, mut second) = (Plausibility::default(), Plausibility::default());
+        let [a, b] = ["a", "b"].map(|name| RodId(name.into()));
+        let mut doubts = Vec::new();
+        for day in 0..6 {
+            let seen = at(
+                f64::from(day),
+                OWN.map(|f| f * (1.0 + 1e-4 * f64::from(day))),
+                1e-5,
+            );
+            assert_eq!(first.doubt(&seen, &a, None, &[second.as_peer(&b)], 5), None);
+            doubts.push(second.doubt(&seen, &b, None, &[first.as_peer(&a)], 5));
+        }
+        let copy = Some(Doubt::Copy(a.clone()));
+        assert_eq!(
+            doubts,
+            [None, None, copy.clone(), copy.clone(), copy.clone(), copy]
+        );
+        // Like rods whose frequencies differ in the last digit only.
+        let mut like = Plausibility::default();
+        for day in 6..12 {
+            let seen = at(f64::from(day), OWN, 1e-5);
+            first.doubt(&seen, &a, None, &[], 5);
+            let near = at(f64::from(day), OWN.map(|f| f * (1.0 + 1e-12)), 1e-5);
+            assert_eq!(like.doubt(&near, &b, None, &[first.as_peer(&a)], 5), None);
+        }
     }
 }

@@ -72,7 +72,7 @@ pub enum SetAside {
     Amplitude,
     /// Its time is far ahead.
     Clock,
-    /// Its frequencies are another rod's.
+    /// Its frequencies, or its samples, are another rod's.
     Channel,
     /// None of its modes is in the baseline.
     NoCommonMode,
@@ -100,7 +100,7 @@ impl From<&Doubt> for SetAside {
         match doubt {
             Doubt::Amplitude => Self::Amplitude,
             Doubt::Clock => Self::Clock,
-            Doubt::Channel(_) => Self::Channel,
+            Doubt::Channel(_) | Doubt::Copy(_) => Self::Channel,
         }
     }
 }

@@ -14,6 +14,8 @@ CHANGE_DAY = 150
 RECORD_HOUR = 11.0
 # Days followed: a year after 60 days; for what happens suddenly 90 days after it.
 DAYS, SUDDEN_DAYS = 426, 241
+# Number of rods that change where all do.
+ALL_RODS = 99
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,9 @@ class Rod:
 
 @dataclass(frozen=True)
 class Change:
-    """What happens to the first rod of a site."""
+    """What happens to the first rod of a site, or to the first few."""
 
+    rods: int = 1
     day: float = CHANGE_DAY + 0.5
     # Sudden change of force, and its rate per year, as shares of N_0.
     step: float = 0.0
@@ -63,6 +66,10 @@ class Change:
         later = np.maximum(days - self.day, 0.0)
         steps = np.where(days >= self.day, self.step, 0.0) + np.where(later >= self.again_days, self.again, 0.0)
         return steps + self.per_year * later / 365.25
+
+    @property
+    def is_of_all(self):
+        return self.rods == ALL_RODS
 
 
 @dataclass(frozen=True)
@@ -227,13 +234,15 @@ BASES = (
 def event(name, moment=0.5):
     """What `name` says happens to the first rod at this share of its day, and the days that are followed."""
     sudden = {"days": SUDDEN_DAYS}
-    for word, per_cent in (("loss", -0.01), ("gap", -0.01), ("soon", -0.01), ("early", -0.01), ("long", -0.01), ("springs", -0.01), ("mass", 0.01), ("modulus", -0.01)):
+    for word, per_cent in (("loss", -0.01), ("two", -0.01), ("all", -0.01), ("gap", -0.01), ("soon", -0.01), ("early", -0.01), ("long", -0.01), ("springs", -0.01), ("mass", 0.01), ("modulus", -0.01)):
         if not name.startswith(word):
             continue
         first, _, second = name[len(word) :].partition("then")
         size = per_cent * float(first)
         if word == "loss":
             return Change(day=CHANGE_DAY + moment, step=size, again=per_cent * float(second or 0)), sudden
+        if word in ("two", "all"):
+            return Change(day=CHANGE_DAY + moment, step=size, rods=2 if word == "two" else ALL_RODS), sudden
         if word == "gap":
             # One to four months without a record, in which the rod changes.
             end, silent_days = CHANGE_DAY + (RECORD_HOUR - 1.0) / 24.0, 30.0 + 100.0 * moment
@@ -253,11 +262,14 @@ def event(name, moment=0.5):
             return Change(day=CHANGE_DAY + moment, mass=1 + size), sudden
         if word == "modulus":
             return Change(day=CHANGE_DAY + moment, modulus=1 + size), sudden
+    if name.startswith("since"):
+        # As if it had gone on before.
+        return Change(day=0.5 + 0.5 * moment, per_year=-0.01 * float(name[5:])), {"days": DAYS}
     if name.startswith("first"):
         return Change(day=CHANGE_DAY + moment, per_year=-0.01 * float(name[5:])), {"days": DAYS}
     if name.startswith("late"):
         return Change(day=DAYS - 2 + moment, per_year=-0.01 * float(name[4:])), {"days": DAYS + 220}
-    raise ValueError(f"nothing called {name} happens: loss3, loss3then5, gap40, soon40, early3, long3, first2, late2, springs20, mass1, modulus3")
+    raise ValueError(f"nothing called {name} happens: loss3, loss3then5, two10, all20, since5, gap40, soon40, early3, long3, first2, late2, springs20, mass1, modulus3")
 
 
 def world(name, rng, count):

@@ -154,12 +154,12 @@ class Site:
         wild = rng.random(len(days)) < way.outliers
         noise += wild * way.outlier_sd * rng.standard_normal(len(days))
         thermal = way.per_k * fast + way.curvature * fast**2 + way.wall_per_k * slow
-        change = world.change.at(days) if world.changes and number == 0 else np.zeros(len(days))
+        change = world.change.at(days) if world.changes and number < world.change.rods else np.zeros(len(days))
         ratio = 1.0 + thermal + noise + change
         rod = self.rods[number]
         table = tabulate(rod.beam, self.modes)
         logs = log_frequencies(table, ratio)
-        if world.changes and number == 0 and not world.change.is_axial:
+        if world.changes and number < world.change.rods and not world.change.is_axial:
             other = replace(
                 rod.beam,
                 springs_n_m=tuple(world.change.springs * spring for spring in rod.beam.springs_n_m),

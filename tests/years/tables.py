@@ -234,7 +234,16 @@ def requirements(found):
             need(interval(hits, len(rods))[1] >= 0.99, f"{name}: {hits} of {len(rods)} told with the first record, as `suspected` at least, wanted all")
             hits = sum(rod.is_told("drift", 1 + JITTER_DAYS) for rod in rods)
             need(interval(hits, len(rods))[1] >= 0.99, f"{name}: {hits} of {len(rods)} told as `drift` within a day of the first record, wanted all")
-        if change.step <= -0.03:
+        if change.is_of_all:
+            sites = len({rod.site for rod in rods})
+            told = sites_with(rods, "common", change.day, math.inf)
+            need(interval(told, sites)[1] >= 0.99, f"{name}: {told} of {sites} sites with a notice, wanted all")
+            confirmed = sum(any(day >= rod.change_day for day in rod.confirmed) for rod in rods)
+            need(interval(confirmed, len(rods))[0] <= 0.025, f"{name}: {confirmed} of {len(rods)} rods with a confirmed drift, 2.5 % allowed")
+            if change.step <= -0.2:
+                stands = sum("limit" in rod.alarms for rod in rods)
+                need(interval(stands, len(rods))[1] >= 0.99, f"{name}: `limit` stands at the end for {stands} of {len(rods)} rods, wanted all")
+        elif change.step <= -0.03:
             hits = sum(rod.delay("drift") < math.inf or rod.delay("limit") < math.inf for rod in rods)
             need(interval(hits, len(rods))[1] >= 0.99, f"{name}: {hits} of {len(rods)} found, wanted all")
         if change.step <= -0.4:

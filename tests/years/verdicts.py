@@ -74,7 +74,7 @@ def judge(site, index, lines):
     start = site.start
     found = []
     for number, name in enumerate(site.names):
-        changes = world.changes and number == 0
+        changes = world.changes and number < world.change.rods
         own = [(day_of(start, line["start"]), line) for line in lines if line["rod"] == name]
         first = min((day for day, _ in own if day >= world.shown_day), default=math.inf)
         verdict = Rod(world.name, index, name, changes, world.shown_day, first, records=len(own))
@@ -97,6 +97,8 @@ def judge(site, index, lines):
         wanted = [at for at in (120.0, world.days - 0.5) if at < world.days]
         if changes:
             wanted = [world.shown_day + 60.0]
+            if world.change.day < 1.0:
+                wanted = [60.0, 120.0, 180.0, world.days - 0.5]
         for at in wanted:
             before = [(day, line) for day, line in shown if at - 7.0 < day <= at]
             if before:
@@ -140,7 +142,7 @@ def learned(site, number, verdict):
 def truth(site, number, baseline, day, reference_c):
     """N over the mean N of the baseline's days, both at the reference temperature, without what fluctuates."""
     steady = float(site.steady(number, reference_c))
-    if not site.world.changes or number != 0:
+    if not site.world.changes or number >= site.world.change.rods:
         return 1.0
     change = site.world.change
     return (steady + float(change.at(day))) / (steady + float(change.at(baseline).mean()))

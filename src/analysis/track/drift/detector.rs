@@ -160,7 +160,8 @@ impl Detector {
             onset: day,
             latest: day,
             is_again: false,
-            onsets: Onsets::between(day, day),
+            // As well as ramps are dated: those of a week before and after cannot be told from it.
+            onsets: Onsets::between(day - RAMP_EVERY_D, day + RAMP_EVERY_D),
             ln_weight: libm::log(weight),
             bank: self.null.with_change(Shape::Ramp.size()),
         });

@@ -66,8 +66,20 @@ pub(super) fn read_all(root: &mut Table<'_>, shared: &Shared) -> Vec<Option<RodC
         }
         rod
     });
-    for thermometer in rods.iter().flatten().map(|rod| &rod.channels) {
-        let Some(channel) = &thermometer.temperature else {
+    check_thermometers(root, &rods, &channels);
+    if rods.is_empty() && !root.has("rod") {
+        root.absence_of(
+            "rod",
+            "at least one [[rod]] is wanted, config/minimal.toml shows one",
+        );
+    }
+    rods
+}
+
+/// Refuses a thermometer that is the motion of a rod; `channels`: topics and fields of the motions, with the lines of their rods.
+fn check_thermometers(root: &Table<'_>, rods: &[Option<RodConfig>], channels: &[(String, String, usize)]) {
+    for own in rods.iter().flatten().map(|rod| &rod.channels) {
+        let Some(channel) = &own.temperature else {
             continue;
         };
         let is_same =
@@ -78,18 +90,11 @@ pub(super) fn read_all(root: &mut Table<'_>, shared: &Shared) -> Vec<Option<RodC
                 format!(
                     "the temperature of rod {} is topic \"{topic}\", field \"{field}\", which is the motion of the rod in line {line}: \
                      name the topic of its thermometer",
-                    thermometer.rod
+                    own.rod
                 ),
             );
         }
     }
-    if rods.is_empty() && !root.has("rod") {
-        root.absence_of(
-            "rod",
-            "at least one [[rod]] is wanted, config/minimal.toml shows one",
-        );
-    }
-    rods
 }
 
 fn read(table: &mut Table<'_>, shared: &Shared) -> Option<RodConfig> {

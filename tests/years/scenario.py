@@ -44,6 +44,7 @@ class Rod:
 class Change:
     """What happens to the first rod of a site, or to the first few."""
 
+    # Number of rods that change: the first ones.
     rods: int = 1
     day: float = CHANGE_DAY + 0.5
     # Sudden change of force, and its rate per year, as shares of N_0.
@@ -263,7 +264,7 @@ def event(name, moment=0.5):
         if word == "modulus":
             return Change(day=CHANGE_DAY + moment, modulus=1 + size), sudden
     if name.startswith("since"):
-        # As if it had gone on before.
+        # From the first day on, in all that the baseline learns.
         return Change(day=0.5 + 0.5 * moment, per_year=-0.01 * float(name[5:])), {"days": DAYS}
     if name.startswith("first"):
         return Change(day=CHANGE_DAY + moment, per_year=-0.01 * float(name[5:])), {"days": DAYS}

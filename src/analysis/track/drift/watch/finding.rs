@@ -93,12 +93,12 @@ impl DriftWatch {
 
     /// True unless too many of the other rods move, more than stand still: what moves them together is no change of one.
     pub(crate) fn is_calm(&self, others: &Others, index: i64) -> bool {
-        let (count, moving) = (others.count(), self.moving(others, index));
-        let denying = || {
-            self.movement()
-                .map_or(0, |movement| others.denying(index, &movement))
+        let count = others.count();
+        let Some(movement) = self.movement().filter(|_| count >= companions::FEWEST) else {
+            return true;
         };
-        count < companions::FEWEST || moving as f64 <= MOVING_SHARE * count as f64 || moving <= denying()
+        let moving = others.moving(index, &movement);
+        moving as f64 <= MOVING_SHARE * count as f64 || moving <= others.denying(index, &movement)
     }
 
     /// Number of other rods that share the change.

@@ -3,7 +3,7 @@
 use crate::command::{
     ack, alarm, backup, check, completions, emulator, files, fleet, frequencies, history, hub, identify,
     import, init, manual, measure, plan, rebaseline, replay, report, run, send, serve, simulate, spectrum,
-    status, study, track,
+    status, study, track, work,
 };
 use crate::service::telemetry::log;
 use clap::{ArgAction, Parser, Subcommand};
@@ -58,6 +58,7 @@ pub enum Command {
     Send(send::Args),
     Fleet(fleet::Args),
     Hub(hub::Args),
+    Work(work::Args),
     Completions(completions::Args),
     #[command(hide = true)]
     Manual(manual::Args),
@@ -68,7 +69,7 @@ impl Cli {
     /// Starts the log on stderr: warnings by default (of the daemon also what it does), more with `-v`, or as
     /// `TIRANTE_LOG` says.
     pub fn start_logging(&self) {
-        let is_daemon = matches!(self.command, Command::Run(_))
+        let is_daemon = matches!(self.command, Command::Run(_) | Command::Work(_))
             || matches!(&self.command, Command::Hub(args) if args.action.is_none());
         let default = match self.verbose + u8::from(is_daemon) {
             0 => "warn",

@@ -61,6 +61,7 @@ mod topics;
 pub mod track;
 pub mod trial;
 pub mod which_store;
+pub mod work;
 
 use crate::analysis::inference::PlanError;
 use crate::config::ConfigError;
@@ -102,6 +103,7 @@ pub fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Fleet(args) => fleet::run(args),
         Command::Run(args) => run::run(args),
         Command::Hub(args) => hub::run(args),
+        Command::Work(args) => work::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Send(args) => send::run(args),
         Command::Completions(args) => completions::run(args, &mut Cli::command()),

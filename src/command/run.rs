@@ -39,6 +39,10 @@ pub struct Args {
     /// are bit-identical for any number.
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
+
+    /// Work for the worker that started it, with everything in this folder, and end with it.
+    #[arg(long, hide = true)]
+    pub within: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -46,6 +50,9 @@ pub struct Args {
 /// # Errors
 /// The configuration is bad, the store cannot be opened, or something that must be durable cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    if args.within.is_some() {
+        rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL))?;
+    }
     daemon::run(&Options {
         config: args.config.clone(),
         settings: args.settings.clone(),
@@ -53,5 +60,6 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         given_up: args.given_up.rods(),
         // The very program that runs, also after an upgrade put another in its place.
         program: Some(PathBuf::from("/proc/self/exe")),
+        within: args.within.clone(),
     })
 }

@@ -102,7 +102,7 @@ pub(super) fn site(value: &Value<'_>) -> Option<String> {
     let text = value.string()?;
     if !is_site(text) {
         value.fault(format!(
-            "\"{text}\" is no name of a site: 1 to {LONGEST_SITE} letters, digits, '-', '_', and not HUB, which is the hub's"
+            "\"{text}\" is no name of a site: 1 to {LONGEST_SITE} letters, digits, '-', '_', and neither HUB nor WORK, which are the hub's and the workers'"
         ));
         return None;
     }

@@ -122,6 +122,13 @@ impl HubConfig {
             names.push(site.name.clone());
             Some(site)
         });
+        let has_thin = sites.iter().flatten().any(|site| site.config.is_some());
+        if has_thin && matches!(storage, Some(Storage::Sqlite(_))) {
+            root.fault_of(
+                "sqlite",
+                "cannot hold the leases of [[site]]s with `config`: name a [postgres] server",
+            );
+        }
         if sites.is_empty() {
             root.absence_of(
                 "site",
@@ -188,6 +195,11 @@ impl HubConfig {
     /// The site called `name`.
     pub fn site(&self, name: &str) -> Option<&SiteSettings> {
         self.sites.iter().find(|site| site.name == name)
+    }
+
+    /// True for a site without a computer, which workers write.
+    pub fn is_thin(&self, name: &str) -> bool {
+        self.site(name).is_some_and(|site| site.config.is_some())
     }
 }
 
@@ -339,8 +351,19 @@ fn site(table: &mut Table<'_>) -> Option<SiteSettings> {
         ),
         "no command can be given to it",
     );
+    let config = table.take(
+        key(
+            "config",
+            "configuration of a site without a computer, which `tirante work` monitors; relative to the working folder",
+        ),
+        "1 to 255 bytes of text",
+        Absent::Nothing("a daemon at the site monitors it"),
+        |value| value.name_string().map(PathBuf::from),
+        |path| toml_string(&path.display().to_string()),
+    );
     Some(SiteSettings {
         command_key,
+        config,
         name: name?,
         link,
         position,

@@ -42,6 +42,7 @@ mod track;
 pub mod unheard;
 pub mod units;
 mod value;
+pub mod within;
 pub mod written;
 
 pub use effective::KeyReference;

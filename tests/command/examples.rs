@@ -15,7 +15,7 @@ use std::thread;
 use std::time::Instant;
 
 /// Examples that are parsed but not run, by a part of their text and the end of its line, with the reason.
-const NOT_RUN: [(&str, &str); 7] = [
+const NOT_RUN: [(&str, &str); 8] = [
     // Each costs a quarter of a minute of processor time; two others are run.
     ("tirante alarm design\n", "the same as JSON: tests/command/cli.rs"),
     ("--frequency-sd 0.0005", "another number of one that is run"),
@@ -34,6 +34,10 @@ const NOT_RUN: [(&str, &str); 7] = [
     (
         "tirante hub command todi",
         "the key of one site and an alarm of its store: tests/process/hub/commands.rs",
+    ),
+    (
+        "tirante work --config",
+        "a post, PostgreSQL and a sensor: tests/process/hub/thin.rs",
     ),
     (
         "--current 6f0e2a91c4d7b358",

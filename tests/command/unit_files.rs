@@ -42,7 +42,7 @@ fn if_installed(command: &mut Command) {
 
 #[test]
 fn the_sandbox_leaves_an_exposure_of_2_or_less() {
-    for unit in ["tirante.service", "tirante-hub.service"] {
+    for unit in ["tirante.service", "tirante-hub.service", "tirante-work.service"] {
         if_installed(
             Command::new("systemd-analyze")
                 .args(["security", "--offline=true", "--threshold=20"])
@@ -57,6 +57,7 @@ fn systemd_understands_the_units() {
     for (unit, page) in [
         ("tirante.service", "man:tirante-run(1) "),
         ("tirante-hub.service", "man:tirante-hub(1) "),
+        ("tirante-work.service", "man:tirante-work(1) "),
     ] {
         let service = text(&shipped(unit));
         assert!(service.contains(page));
@@ -71,6 +72,7 @@ fn systemd_understands_the_units() {
             .arg("verify")
             .arg(folder.path().join("tirante.service"))
             .arg(folder.path().join("tirante-hub.service"))
+            .arg(folder.path().join("tirante-work.service"))
             .arg(folder.path().join("tirante.socket")),
     );
 }
@@ -88,16 +90,18 @@ fn the_unit_keeps_the_promises_of_the_program() {
     ] {
         assert!(unit.lines().any(|other| other == line), "no {line}");
     }
-    // The hub ends if post or database are not there yet: it is begun again until they are.
-    let hub = text(&shipped("tirante-hub.service"));
-    for line in [
-        "ExecStart=/usr/bin/tirante hub --config /etc/tirante/hub.toml",
-        "Restart=on-failure",
-        "RestartPreventExitStatus=2",
-        "StartLimitIntervalSec=0",
-        "User=tirante",
-    ] {
-        assert!(hub.lines().any(|other| other == line), "no {line}");
+    // Hub and workers end if post or database are not there yet: they are begun again until they are.
+    for (unit, command) in [("tirante-hub.service", "hub"), ("tirante-work.service", "work")] {
+        let unit = text(&shipped(unit));
+        for line in [
+            format!("ExecStart=/usr/bin/tirante {command} --config /etc/tirante/hub.toml"),
+            "Restart=on-failure".to_owned(),
+            "RestartPreventExitStatus=2".to_owned(),
+            "StartLimitIntervalSec=0".to_owned(),
+            "User=tirante".to_owned(),
+        ] {
+            assert!(unit.lines().any(|other| *other == line), "no {line}");
+        }
     }
     let users = text(&shipped("tirante.sysusers"));
     assert!(users.lines().any(|line| line.starts_with("u tirante ")));

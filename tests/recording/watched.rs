@@ -82,6 +82,18 @@ fn files_cut_anywhere_give_the_rows_of_the_whole() {
     }
 }
 
+/// Files of a few messages each, as a sensor that sends them makes: some within a record, some with temperatures alone.
+#[test]
+fn files_of_a_few_messages_give_the_rows_of_the_whole() {
+    let (site, messages, expected) = watched(1.0);
+    for (number, piece) in messages.chunks(6).enumerate() {
+        let path = site.path("in").join(format!("{number:04}.mcap"));
+        write(&path, piece.iter(), Some(20_000));
+    }
+    let _daemon = Daemon::start(&site);
+    wait_for_rows(&site, &expected, "six messages a file");
+}
+
 /// Removes what a daemon kept.
 fn forget(site: &Site) {
     for entry in fs::read_dir(site.path(".")).unwrap() {

@@ -39,7 +39,13 @@ pub struct Args {
 /// The database cannot be read, a hub runs, or stdout cannot be written.
 pub fn run(args: &Args, config: &HubConfig) -> anyhow::Result<ExitCode> {
     if args.discard {
-        let dropped = hub::open(&config.storage)?.discard(&args.site)?;
+        // What a worker parked, no hub remembers.
+        let mut centre = if config.is_thin(&args.site) {
+            hub::beside(&config.storage)?
+        } else {
+            hub::open(&config.storage)?
+        };
+        let dropped = centre.discard(&args.site)?;
         return print(format!("{dropped} messages dropped\n").as_bytes());
     }
     if let Some(epoch) = &args.current {

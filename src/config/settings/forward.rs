@@ -56,9 +56,12 @@ pub struct ForwardSettings {
 /// Name of the hub at the server, which no site may have: it hears what the hub hears.
 pub const HUB: &str = "HUB";
 
-/// True for a name that can be a word of a subject, and is not the hub's.
+/// Name of the workers at the server, which no site may have either.
+pub const WORK: &str = "WORK";
+
+/// True for a name that can be a word of a subject, and is neither the hub's nor the workers'.
 pub fn is_site(name: &str) -> bool {
-    name != HUB
+    ![HUB, WORK].contains(&name)
         && (1..=LONGEST_SITE).contains(&name.len())
         && name
             .bytes()

@@ -45,4 +45,6 @@ pub struct SiteSettings {
     pub silent_s: f64,
     /// File with the seed that signs commands to it.
     pub command_key: Option<CredentialPath>,
+    /// Configuration of a site without a computer, which a worker monitors.
+    pub config: Option<PathBuf>,
 }

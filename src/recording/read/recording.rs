@@ -233,7 +233,8 @@ impl Recording {
 
     /// Lets its rods go on with the open samples of earlier files, and leave theirs at its end for the next one.
     pub fn join(&mut self, tails: &Tails) {
-        self.router.join(tails.clone(), Arc::clone(&self.name));
+        self.router
+            .join(tails.clone(), Arc::clone(&self.name), !self.is_live);
     }
 
     /// Takes the open samples that it left; none before its end, and none if it was cut short or damaged. One that was discarded leaves those of

@@ -89,6 +89,9 @@ pub(super) struct Router {
     tails: Option<Tails>,
     /// Those with which they did.
     taken: Vec<Tail>,
+    /// True if temperatures alone go on with them, too: of a file that is whole. One that grows, or was cut short, may have its
+    /// samples elsewhere.
+    takes_warmth: bool,
     /// Samples that other files of a stream had open at a rod's first message, if they are noted.
     before: Option<Vec<Tail>>,
 }
@@ -136,6 +139,8 @@ impl Router {
                     files: Files::default(),
                     to: 0,
                     is_begun: false,
+                    is_warmed: false,
+                    is_continued: false,
                 }
             })
         });
@@ -162,6 +167,7 @@ impl Router {
             listener: None,
             tails: None,
             taken: Vec::new(),
+            takes_warmth: false,
             before: None,
             channels: Vec::new(),
             scratch: Vec::new(),

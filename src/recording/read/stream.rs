@@ -104,7 +104,7 @@ impl Stream {
     pub fn has_begun(&self, rod: &RodId) -> bool {
         self.rods
             .iter()
-            .any(|lane| lane.is_begun && lane.config.rod == *rod)
+            .any(|lane| (lane.is_begun || lane.is_continued) && lane.config.rod == *rod)
     }
 
     /// Ends it behind its last file, of this name, bytes read and records returned.
@@ -114,7 +114,7 @@ impl Stream {
         if self.ends_with_file {
             router.finish(false, None, &mut ended);
         } else {
-            router.join(tails.clone(), Arc::clone(&file));
+            router.join(tails.clone(), Arc::clone(&file), true);
             router.leave(&mut ended);
         }
         let events = ended.take().map(|timed| {

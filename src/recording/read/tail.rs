@@ -63,6 +63,16 @@ impl Tail {
         })
     }
 
+    /// The same as samples of the file of another one.
+    pub(super) fn of_file(self, other: &Self) -> Self {
+        Self {
+            file: other.file.clone(),
+            bytes: other.bytes,
+            records: other.records,
+            ..self
+        }
+    }
+
     /// Encodes it for the store.
     pub fn encode(&self) -> Vec<u8> {
         let room = Vec::with_capacity(self.held() + 4096);

@@ -74,6 +74,8 @@ pub struct Options {
     pub given_up: Vec<String>,
     /// The program, to try what ended it in a process of its own; without it nothing is tried.
     pub program: Option<PathBuf>,
+    /// Folder that holds everything of the daemon, in place of what the configuration says.
+    pub within: Option<PathBuf>,
 }
 
 /// Lifecycle event of a daemon.
@@ -276,6 +278,10 @@ impl Daemon<'_> {
 /// Loads the configuration of a daemon, which must name a store.
 fn load(options: &Options) -> Result<Config, ConfigError> {
     let config = Config::resolve(Some(&options.config), &options.settings)?;
+    let config = match &options.within {
+        Some(folder) => config.within(folder),
+        None => config,
+    };
     if config.store.path.is_none() {
         return Err(ConfigError::Unreadable {
             path: options.config.clone(),

@@ -7,7 +7,7 @@ pub mod beat;
 pub mod command;
 pub mod link;
 pub mod message;
-mod obey;
+pub mod obey;
 mod session;
 
 pub use session::{Session, SessionError};

@@ -1,6 +1,6 @@
 //! Carrying out of the centre's commands: each at most once, whatever is repeated, with its outcome in the store's log.
 
-use super::command::{self, Action, Order, Refusal};
+use super::command::{self, Action, Order, Refusal, Signed};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::config::Config;
 use crate::recording::atomic::AtomicFile;
@@ -99,13 +99,28 @@ impl Obedience {
                 Vec::new()
             }
         };
+        self.follow(&open, epoch, reader, health)?;
+        self.read = Some(sequence);
+        Ok(())
+    }
+
+    /// Carries out what is new of a site's open commands.
+    ///
+    /// # Errors
+    /// The store cannot be read or written: they are to be given again.
+    pub fn follow(
+        &mut self,
+        open: &[Signed],
+        epoch: &str,
+        reader: &Reader,
+        health: &Health,
+    ) -> Result<(), StoreError> {
         for signed in open {
             match signed.open(&self.key, &self.site) {
                 Ok(order) => self.carry_out(&order, epoch, reader, health)?,
                 Err(refusal) => self.refuse(&refusal, "a command", health),
             }
         }
-        self.read = Some(sequence);
         Ok(())
     }
 

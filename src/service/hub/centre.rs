@@ -246,15 +246,32 @@ impl Centre {
     /// # Errors
     /// The database refuses; nothing was written.
     pub fn commit(&mut self, batch: Batch) -> Result<(), CentreError> {
+        self.commit_if(batch, |_| Ok(true)).map(|_| ())
+    }
+
+    /// The same if a first statement of the transaction allows it; false if not, and nothing was written.
+    ///
+    /// # Errors
+    /// The database refuses; nothing was written.
+    pub(super) fn commit_if(
+        &mut self,
+        batch: Batch,
+        allow: impl FnOnce(&mut dyn Sql) -> Result<bool, SqlError>,
+    ) -> Result<bool, CentreError> {
         self.sql.batch("BEGIN")?;
-        let written = self.write(batch).and_then(|()| self.sql.batch("COMMIT"));
-        if let Err(error) = written {
+        let written = allow(&mut *self.sql).and_then(|is_allowed| {
+            if is_allowed {
+                self.write(batch)?;
+            }
+            self.sql.batch(if is_allowed { "COMMIT" } else { "ROLLBACK" })?;
+            Ok(is_allowed)
+        });
+        if written.is_err() {
             self.partitions.forget();
             // The first error matters more; a lost connection has rolled back by itself.
             let _ = self.sql.batch("ROLLBACK");
-            return Err(error.into());
         }
-        Ok(())
+        Ok(written?)
     }
 
     fn write(&mut self, batch: Batch) -> Result<(), SqlError> {

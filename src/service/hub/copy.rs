@@ -96,6 +96,11 @@ impl SiteCopy {
         &self.store
     }
 
+    /// The copy as a store to write.
+    pub fn into_store(self) -> Store {
+        self.store
+    }
+
     /// Takes what the centre has beyond it, unless `is_stopped` between two pages; returns false if that is nothing.
     ///
     /// # Errors

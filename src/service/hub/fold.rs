@@ -6,7 +6,8 @@ use super::incoming::Incoming;
 use super::rows::Rows;
 use super::tables::{self, Copied};
 use super::text::fit;
-use crate::service::forward::message::{self, MessageError};
+use crate::service::forward::message::{self, Label, MessageError};
+use crate::site::store::Change;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Fault of a site of which commits are missing.
@@ -91,6 +92,22 @@ impl Fold {
         batch.sites.insert(message.site().to_owned(), state.clone());
     }
 
+    /// Parks a message that the worker of a site cannot read, and marks the site.
+    pub fn set_aside(
+        &mut self,
+        site: &str,
+        message: &Incoming,
+        (fault, detail): (&str, String),
+        batch: &mut Batch,
+    ) {
+        let mut parked = message.parked(fault, detail.clone());
+        site.clone_into(&mut parked.site);
+        batch.parked.push(parked);
+        let state = self.sites.entry(site.to_owned()).or_default();
+        state.fault.get_or_insert((fault.to_owned(), detail));
+        batch.sites.insert(site.to_owned(), state.clone());
+    }
+
     fn pass(message: &Incoming, batch: &mut Batch) {
         batch.position = Some(Position {
             sequence: message.sequence,
@@ -133,8 +150,27 @@ impl Fold {
             return Err((UNLISTED, format!("{site} is not on the list of sites")));
         }
         let label = message.label().map_err(|error| (UNREADABLE, error.to_string()))?;
+        let read = || message::decode(&label, &message.payload);
+        let came = Position {
+            sequence: message.sequence,
+            time_ns: message.time_ns,
+        };
+        self.add((site, &label), came, read, batch)
+    }
+
+    /// Adds the new commits of a site's store to the batch; returns their number. `read` gives those of the label.
+    ///
+    /// # Errors
+    /// They do not fit what is known of the site, by fault and detail.
+    pub fn add(
+        &mut self,
+        (site, label): (&str, &Label),
+        came: Position,
+        read: impl FnOnce() -> Result<Vec<Change>, MessageError>,
+        batch: &mut Batch,
+    ) -> Result<i64, (&'static str, String)> {
         let mut state = self.sites.get(site).cloned().unwrap_or_default();
-        state.heard_ns = state.heard_ns.max(message.time_ns);
+        state.heard_ns = state.heard_ns.max(came.time_ns);
         let known = state
             .histories
             .iter()
@@ -159,7 +195,7 @@ impl Fold {
             );
             return Err((REPLACED, detail));
         }
-        let changes = message::decode(&label, &message.payload).map_err(|error| match error {
+        let changes = read().map_err(|error| match error {
             MessageError::Newer(_) => (NEWER, error.to_string()),
             error => (UNREADABLE, error.to_string()),
         })?;
@@ -174,7 +210,7 @@ impl Fold {
             state.histories.push(History {
                 store: state.histories.last().map_or(1, |last| last.store + 1),
                 epoch: label.epoch.clone(),
-                began_ns: message.time_ns,
+                began_ns: came.time_ns,
                 through: 0,
                 sequence: 0,
                 latest_ns: 0,
@@ -197,7 +233,7 @@ impl Fold {
         let rows = rows.map_err(|detail| (UNREADABLE, detail))?;
         if label.last > through {
             history.through = label.last;
-            history.sequence = message.sequence;
+            history.sequence = came.sequence;
         }
         for row in &rows {
             history.latest_ns = history

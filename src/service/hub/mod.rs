@@ -12,6 +12,7 @@ pub mod copy;
 pub mod feed;
 pub mod fold;
 pub mod incoming;
+mod lasting;
 pub mod map;
 pub mod page;
 pub mod park;
@@ -30,6 +31,7 @@ pub mod sql;
 mod sqlite;
 pub mod tables;
 mod text;
+pub mod thin;
 mod told;
 pub mod watch;
 mod work;
@@ -157,8 +159,9 @@ impl<'a> Hub<'a> {
         }
     }
 
-    /// Names of the sites whose messages are taken.
+    /// Names of the sites whose messages are taken: not of those that workers write.
     fn listed(&self) -> BTreeSet<String> {
-        self.config.sites.iter().map(|site| site.name.clone()).collect()
+        let forwarding = self.config.sites.iter().filter(|site| site.config.is_none());
+        forwarding.map(|site| site.name.clone()).collect()
     }
 }

@@ -34,6 +34,12 @@ impl Hub<'_> {
         let lost = |site: &str, what: String| Err(HubError::Lost(site.to_owned(), what));
         let listed = self.listed();
         for (site, state) in &known {
+            if !state.histories.is_empty() && self.config.is_thin(site) {
+                return lost(
+                    site,
+                    "a worker wrote them, and the stream does not have them".to_owned(),
+                );
+            }
             if !state.histories.is_empty() && !listed.contains(site) {
                 return lost(site, "it is not on the list of sites".to_owned());
             }

@@ -127,6 +127,7 @@ mod tests {
             position: None,
             silent_s: 100.0,
             command_key: None,
+            config: None,
         });
         let (health, none) = (Health::default(), BTreeMap::new());
         // A hub that was away for a day does not blame the site.

@@ -96,6 +96,10 @@ pub struct SiteRow {
     pub parked: i64,
     /// Address of its own page.
     pub link: Option<String>,
+    /// Worker that has it, of a site without a computer.
+    pub worker: Option<String>,
+    /// True for a site without a computer that no worker has: nothing of it is monitored.
+    pub is_idle: bool,
 }
 
 /// Time as text, to the second.
@@ -133,6 +137,10 @@ pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result
         "SELECT \"site\", count(*) FROM \"alarm\" AS t WHERE \"stands\" = 1 AND {current} GROUP BY \"site\""
     ))?;
     let parked = count("SELECT \"site\", count(*) FROM \"parked\" GROUP BY \"site\"")?;
+    let holders = match listed.iter().any(|site| site.config.is_some()) {
+        true => centre.holders()?,
+        false => BTreeMap::new(),
+    };
     let mut names: Vec<String> = listed.iter().map(|site| site.name.clone()).collect();
     names.extend(
         known
@@ -157,6 +165,8 @@ pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result
         let alarms = integer(alarms.get(&name));
         let parked = integer(parked.get(&name));
         let is_silent = settings.is_some_and(|site| silent_s.is_some_and(|silent| silent > site.silent_s));
+        let worker = holders.get(&name).cloned();
+        let is_idle = settings.is_some_and(|site| site.config.is_some()) && worker.is_none();
         let has = |state: &str| rods.contains_key(state);
         let worst = if alarms > 0 || has("alarm") {
             Worst::Alarm
@@ -164,7 +174,7 @@ pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result
             Worst::Parked
         } else if is_silent {
             Worst::Silent
-        } else if has("not-monitoring") || stopped_since.is_some() {
+        } else if has("not-monitoring") || stopped_since.is_some() || is_idle {
             Worst::NotMonitoring
         } else if history.is_none() {
             Worst::Unheard
@@ -201,6 +211,8 @@ pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result
             detail,
             parked,
             link: settings.and_then(|site| site.link.clone()),
+            worker,
+            is_idle,
             site: name,
         });
     }
@@ -226,6 +238,9 @@ impl SiteRow {
         if let Some(off_s) = self.clock_off_s {
             said.push(format!("its clock is off by {off_s:+.0} s"));
         }
+        if self.is_idle {
+            said.push("no worker has it (`tirante work`): nothing of it is monitored".to_owned());
+        }
         let lasting = self.conditions.iter();
         said.extend(lasting.map(|one| format!("{} since {}: {}", one.kind, one.since, one.detail)));
         said
@@ -249,6 +264,7 @@ mod tests {
             position: None,
             silent_s: 60.0,
             command_key: None,
+            config: None,
         };
         let rows = list(&mut post.centre, &[listed], 1_780_000_000_000_000_000).unwrap();
         assert_eq!(rows.len(), 2);

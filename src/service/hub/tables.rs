@@ -162,7 +162,7 @@ pub fn quoted(names: &[&str]) -> String {
 }
 
 /// The centre's own tables.
-const OWN: [(&str, &str); 7] = [
+const OWN: [(&str, &str); 8] = [
     ("centre", "(\"key\" TEXT PRIMARY KEY, \"value\" TEXT NOT NULL)"),
     // The latest message of the stream that was folded.
     (
@@ -198,6 +198,14 @@ const OWN: [(&str, &str); 7] = [
         "(\"sequence\" INT8 NOT NULL, \"time_ns\" INT8 NOT NULL, \"site\" TEXT NOT NULL, \"fault\" TEXT NOT NULL, \
           \"detail\" TEXT NOT NULL, \"headers\" TEXT NOT NULL, \"payload\" BYTES NOT NULL, \
           PRIMARY KEY (\"sequence\", \"time_ns\"))",
+    ),
+    // The worker that has a site without a computer: the number of its lease, which fences off those before it, its name, and the
+    // end of the lease by the database's clock; then the state at the last commit: id of the store, the message up to which all is
+    // in it, and the remainder of the store.
+    (
+        "lease",
+        "(\"site\" TEXT PRIMARY KEY, \"number\" INT8 NOT NULL, \"holder\" TEXT NOT NULL, \"until_ms\" INT8 NOT NULL, \
+          \"sequence\" INT8 NOT NULL, \"time_ns\" INT8 NOT NULL, \"remainder\" BYTES)",
     ),
 ];
 

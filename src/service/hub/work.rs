@@ -237,6 +237,8 @@ impl<'h> Work<'h> {
             let (fault, _) = state.fault.as_ref()?;
             Some((site.clone(), fault == fold::GAP))
         });
+        // Of a site without a computer messages of another stream are parked, which a worker judged.
+        let marked = marked.filter(|(site, _)| !self.hub.config.is_thin(site));
         for (site, is_gap) in marked.collect::<Vec<_>>() {
             if is_gap {
                 self.look_back(&site)?;
@@ -312,6 +314,10 @@ impl<'h> Work<'h> {
         let (sites, health) = (&self.hub.config.sites, &self.hub.health);
         self.silence
             .tell(sites, self.fold.sites(), health, (now_ns, is_caught_up));
+        for site in sites.iter().filter(|site| site.config.is_some()) {
+            let fault = self.centre.first_fault(&site.name)?;
+            self.tell_fault(&site.name, fault.as_ref());
+        }
         self.command(now_ns)
     }
 
@@ -338,15 +344,21 @@ impl<'h> Work<'h> {
         Ok(())
     }
 
+    /// Tells the faults of the sites that forward; those of the others are what their workers wrote.
     fn tell_faults(&self) {
-        for (site, state) in self.fold.sites() {
-            match &state.fault {
-                Some((fault, detail)) => {
-                    let detail = format!("{site}: its messages are parked ({fault}): {detail}");
-                    self.hub.health.hold(Fault::Forward, site, detail);
-                }
-                None => self.hub.health.over(Fault::Forward, site),
+        let sites = self.fold.sites().iter();
+        for (site, state) in sites.filter(|(site, _)| !self.hub.config.is_thin(site)) {
+            self.tell_fault(site, state.fault.as_ref());
+        }
+    }
+
+    fn tell_fault(&self, site: &str, fault: Option<&(String, String)>) {
+        match fault {
+            Some((fault, detail)) => {
+                let detail = format!("{site}: its messages are parked ({fault}): {detail}");
+                self.hub.health.hold(Fault::Forward, site, detail);
             }
+            None => self.hub.health.over(Fault::Forward, site),
         }
     }
 }

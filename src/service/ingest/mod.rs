@@ -15,7 +15,7 @@ pub mod counts;
 mod entrance;
 mod foreign;
 pub mod intake;
-mod line;
+pub mod line;
 pub mod listener;
 pub mod protocol;
 mod queue;

@@ -40,12 +40,12 @@ pub struct Fleet {
 }
 
 /// The campaign, simulated once.
-fn template() -> &'static Site {
+pub fn template() -> &'static Site {
     static TEMPLATE: OnceLock<Site> = OnceLock::new();
     TEMPLATE.get_or_init(campaign)
 }
 
-fn process(command: &mut Command, log: &Path) -> Child {
+pub fn process(command: &mut Command, log: &Path) -> Child {
     let log = File::options().create(true).append(true).open(log).unwrap();
     command
         .env("TIRANTE_LOG", "info")
@@ -56,14 +56,14 @@ fn process(command: &mut Command, log: &Path) -> Child {
         .unwrap()
 }
 
-fn end(child: Option<Child>) {
+pub fn end(child: Option<Child>) {
     if let Some(mut child) = child {
         let _ = child.kill();
         let _ = child.wait();
     }
 }
 
-fn stop(child: Option<Child>) {
+pub fn stop(child: Option<Child>) {
     let mut child = child.unwrap();
     let pid = child.id().to_string();
     assert!(
@@ -101,12 +101,20 @@ fn drawn(file: &Path, more: &[&str]) -> String {
 fn users(folder: &Path, names: &[&str]) -> String {
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/fleet/rights.conf");
     let shipped = fs::read_to_string(shipped).unwrap();
-    let (hub, site) = shipped.split_once("# site:").unwrap();
-    let brace = |text: &str| text[text.find("{ nkey").unwrap()..].trim().to_owned();
-    let (hub, site) = (brace(hub), brace(site));
-    let mut users = vec![hub.replace("KEY", &key(folder, "HUB"))];
+    let of = |user: &str| {
+        let (_, text) = shipped.split_once(&format!("\n# {user}:")).unwrap();
+        let text = text.split("\n\n").next().unwrap();
+        text[text.find("{ nkey").unwrap()..].trim().to_owned()
+    };
+    let mut users = vec![
+        of("hub").replace("KEY", &key(folder, "HUB")),
+        of("worker").replace("KEY", &key(folder, "WORK")),
+    ];
     for name in names {
-        users.push(site.replace("SITE", name).replace("KEY", &key(folder, name)));
+        for (user, login) in [("site", (*name).to_owned()), ("sensor", format!("{name}-sensor"))] {
+            let user = of(user).replace("SITE", name);
+            users.push(user.replace("KEY", &key(folder, &login)));
+        }
     }
     format!("authorization {{ users: [\n{}\n] }}\n", users.join("\n"))
 }
@@ -462,7 +470,7 @@ impl Fleet {
         }
     }
 
-    fn config(&self) -> PathBuf {
+    pub fn config(&self) -> PathBuf {
         self.folder.path().join("hub.toml")
     }
 
@@ -639,7 +647,7 @@ impl Fleet {
         lines.into_iter().rev().collect::<Vec<_>>().join("\n")
     }
 
-    fn wait(&mut self, what: &str, mut is_so: impl FnMut(&mut Self) -> bool) {
+    pub fn wait(&mut self, what: &str, mut is_so: impl FnMut(&mut Self) -> bool) {
         let until = Instant::now() + DEADLINE;
         while !is_so(self) {
             assert!(Instant::now() < until, "not so: {what}\n{}", self.log());

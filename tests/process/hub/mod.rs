@@ -11,6 +11,7 @@ mod poison;
 mod refusals;
 mod rights;
 mod servers;
+mod thin;
 
 use crate::site::{Part, lines};
 use fleet::{Fleet, Storage};

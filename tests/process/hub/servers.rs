@@ -29,7 +29,7 @@ pub fn program(name: &str, from: &str, also: &[PathBuf]) -> Option<PathBuf> {
     found
 }
 
-fn free_port() -> u16 {
+pub fn free_port() -> u16 {
     TcpListener::bind("127.0.0.1:0")
         .unwrap()
         .local_addr()

@@ -1,6 +1,6 @@
 //! Rods that go on where an earlier file ended, and leave their open samples to the next.
 
-use super::{Ready, Router, held};
+use super::{Ready, Rod, Router, held};
 use crate::analysis::signal::record::RodId;
 use crate::recording::read::tail::{Tail, Tails};
 use std::sync::Arc;
@@ -9,9 +9,10 @@ use std::sync::Arc;
 const MOST_OPEN: usize = 8 << 20;
 
 impl Router {
-    /// Lets the rods go on with the open samples of earlier files, and leave theirs.
-    pub fn join(&mut self, tails: Tails, file: Arc<str>) {
+    /// Lets the rods go on with the open samples of earlier files, and leave theirs; `is_whole`: it neither grows nor was cut short.
+    pub fn join(&mut self, tails: Tails, file: Arc<str>, is_whole: bool) {
         self.tails = Some(tails).filter(|_| !self.ends_with_file);
+        self.takes_warmth = is_whole && self.before.is_none();
         self.file = Some(file);
     }
 
@@ -31,18 +32,19 @@ impl Router {
         let (routes, Some(tails)) = (listed.routes.clone(), &self.tails) else {
             return;
         };
-        // Temperatures alone may stand in a file of their own.
         for route in routes
             .iter()
             .flat_map(|routes| routes.iter())
-            .filter(|route| !route.temperature)
+            .filter(|route| !route.temperature || self.takes_warmth)
         {
             let Some(first) = self.rods.get(route.rod).map(|rod| route.rod - rod.sensor) else {
                 continue;
             };
             let lanes = self.rods[first..].chunk_by_mut(|_, next| next.sensor > 0).next();
             let Some(lanes) = lanes else { continue };
-            if std::mem::replace(&mut lanes[0].is_begun, true) {
+            if route.temperature {
+                lanes[0].is_warmed = true;
+            } else if std::mem::replace(&mut lanes[0].is_begun, true) {
                 let counts = self.counts.iter().skip(first).take(lanes.len());
                 let is_first = counts.map(|count| count.messages).sum::<u64>() == 0;
                 if let Some(before) = self
@@ -55,9 +57,13 @@ impl Router {
                 }
                 continue;
             }
+            if lanes[0].is_continued {
+                continue;
+            }
             let Some(tail) = tails.take(&lanes[0].config.rod, log_time) else {
                 continue;
             };
+            lanes[0].is_continued = true;
             if !tail.restore(lanes, tails.settings()) {
                 let lost = format!(
                     "rod {}: the samples that {} left open cannot be read; they are left out",
@@ -69,13 +75,14 @@ impl Router {
         }
     }
 
-    /// Ends the file: rods with samples in it leave what is open, the others end.
+    /// Ends the file: rods with samples or temperatures in it leave what is open, the others end.
     pub fn leave(&mut self, to: &mut Ready) {
         self.go_on_to_the_end();
         let mut counts = self.counts.iter();
         for lanes in self.rods.chunk_by_mut(|_, next| next.sensor > 0) {
-            lanes[0].is_begun &= held(lanes) <= MOST_OPEN;
-            let leaves = lanes[0].is_begun;
+            let leaves = lanes[0].is_open() && held(lanes) <= MOST_OPEN;
+            lanes[0].is_begun &= leaves;
+            lanes[0].is_warmed &= leaves;
             for (rod, count) in lanes.iter_mut().zip(&mut counts) {
                 match leaves {
                     true => rod.tell_nothing(*count, None),
@@ -87,15 +94,23 @@ impl Router {
         self.events(to);
     }
 
-    /// Open samples of the rods with samples in the file, whose events were taken.
+    /// Open samples of the rods with samples or temperatures in the file, whose events were taken.
     pub fn left(&self, place: &(Arc<str>, u64, u64)) -> Vec<Tail> {
         let Some(tails) = &self.tails else {
             return Vec::new();
         };
         let lanes = self.rods.chunk_by(|_, next| next.sensor > 0);
         lanes
-            .filter(|lanes| lanes.iter().any(|lane| lane.is_begun))
-            .filter_map(|lanes| Tail::of(lanes, tails.settings(), place))
+            .filter(|lanes| lanes.iter().any(Rod::is_open))
+            .filter_map(|lanes| {
+                let tail = Tail::of(lanes, tails.settings(), place)?;
+                // With temperatures alone the samples are still those of the file before.
+                let before = self.taken.iter().find(|taken| taken.rod == tail.rod);
+                Some(match before.filter(|_| !lanes[0].is_begun) {
+                    Some(before) => tail.of_file(before),
+                    None => tail,
+                })
+            })
             .collect()
     }
 
@@ -128,6 +143,6 @@ impl Router {
     pub fn has_begun(&self, rod: &RodId) -> bool {
         self.rods
             .iter()
-            .any(|lane| lane.is_begun && lane.config.rod == *rod)
+            .any(|lane| (lane.is_begun || lane.is_continued) && lane.config.rod == *rod)
     }
 }

@@ -32,6 +32,10 @@ pub(in crate::recording::read) struct Rod {
     pub(in crate::recording::read) to: u64,
     /// True if it had samples in the file that is read, with the first lane of the rod.
     pub(in crate::recording::read) is_begun: bool,
+    /// True if it had temperatures in it that the next file takes over, with the first lane of the rod.
+    pub(in crate::recording::read) is_warmed: bool,
+    /// True if it went on with open samples of an earlier file, with the first lane of the rod.
+    pub(in crate::recording::read) is_continued: bool,
 }
 
 /// Most files of a rod that are remembered: beyond, a record waited for its temperature over as many files.
@@ -80,6 +84,11 @@ impl Files {
 }
 
 impl Rod {
+    /// True if it leaves what is open to the next file.
+    pub(super) fn is_open(&self) -> bool {
+        self.is_begun || self.is_warmed
+    }
+
     /// Bytes of the records that wait for the rod's other sensors.
     pub(super) fn waiting(&self) -> usize {
         let waiting = self.moments.iter().flat_map(Moments::waiting);

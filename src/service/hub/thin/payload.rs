@@ -1,0 +1,189 @@
+//! Messages of a site without a computer as recordings: each MCAP file as it is, JSON lines together.
+
+use crate::recording::atomic::AtomicFile;
+use crate::service::hub::incoming::Incoming;
+use crate::service::ingest::line::{self, Line};
+use mcap::records::MessageHeader;
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+use std::path::Path;
+
+/// First bytes of an MCAP file.
+const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+
+/// Recordings of some messages.
+#[derive(Debug, Default)]
+pub struct Written {
+    /// Names of the files.
+    pub files: Vec<String>,
+    /// Messages that are not read, or not all of it, with the reason.
+    pub unread: Vec<(Incoming, String)>,
+}
+
+/// Writes messages, in their order, as files of a folder.
+///
+/// # Errors
+/// The folder cannot be written.
+pub fn write(folder: &Path, messages: Vec<Incoming>) -> io::Result<Written> {
+    let mut written = Written::default();
+    let mut lines = Lines::default();
+    let mut text_from = None;
+    for message in messages {
+        let name = |sequence: i64| format!("{sequence:020}.mcap");
+        if message.payload.starts_with(MAGIC) {
+            if let Some(first) = text_from.take() {
+                written
+                    .files
+                    .extend(std::mem::take(&mut lines).write(folder, name(first))?);
+            }
+            let mut file = AtomicFile::create(&folder.join(name(message.sequence)))?;
+            file.write_all(&message.payload)?;
+            file.commit()?;
+            written.files.push(name(message.sequence));
+            continue;
+        }
+        text_from.get_or_insert(message.sequence);
+        if let Err(reason) = lines.take(&message) {
+            written.unread.push((message, reason));
+        }
+    }
+    if let Some(first) = text_from {
+        let name = format!("{first:020}.mcap");
+        written.files.extend(lines.write(folder, name)?);
+    }
+    Ok(written)
+}
+
+/// Samples of JSON lines: topic, time and line.
+#[derive(Default)]
+struct Lines(Vec<(String, u64, Vec<u8>)>);
+
+impl Lines {
+    /// Takes the lines of a message; a sample without a time was measured when the server took the message.
+    ///
+    /// # Errors
+    /// The first line that is no sample; the others are taken.
+    fn take(&mut self, message: &Incoming) -> Result<(), String> {
+        let arrived = u64::try_from(message.time_ns).unwrap_or(0);
+        let mut fault = None;
+        for (number, text) in (1..).zip(message.payload.split(|byte| *byte == b'\n')) {
+            let text = text.trim_ascii();
+            if text.is_empty() {
+                continue;
+            }
+            match line::parse(text) {
+                Ok(Line::Data { topic, time }) => {
+                    self.0.push((topic, time.unwrap_or(arrived), text.to_vec()));
+                }
+                Ok(Line::End | Line::Hello(_)) => {}
+                Err(what) => fault = fault.or(Some(format!("line {number} {what}"))),
+            }
+        }
+        fault.map_or(Ok(()), Err)
+    }
+
+    /// Writes them as a recording, unless there are none.
+    fn write(self, folder: &Path, name: String) -> io::Result<Option<String>> {
+        if self.0.is_empty() {
+            return Ok(None);
+        }
+        let mut file = AtomicFile::create(&folder.join(&name))?;
+        let broken = |error: mcap::McapError| io::Error::other(error.to_string());
+        let mut bytes = io::Cursor::new(Vec::new());
+        let mut writer = mcap::WriteOptions::new()
+            .compression(None)
+            .create(&mut bytes)
+            .map_err(broken)?;
+        let mut channels = BTreeMap::new();
+        for (sequence, (topic, time, text)) in (0..).zip(self.0) {
+            let channel_id = match channels.get(&topic) {
+                Some(known) => *known,
+                None => {
+                    let made = writer.add_channel(0, &topic, "json", &BTreeMap::new());
+                    let made = made.map_err(broken)?;
+                    channels.insert(topic, made);
+                    made
+                }
+            };
+            let header = MessageHeader {
+                channel_id,
+                sequence,
+                log_time: time,
+                publish_time: time,
+            };
+            writer.write_to_known_channel(&header, &text).map_err(broken)?;
+        }
+        writer.finish().map_err(broken)?;
+        drop(writer);
+        file.write_all(bytes.get_ref())?;
+        file.commit()?;
+        Ok(Some(name))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    fn message(sequence: i64, payload: &[u8]) -> Incoming {
+        Incoming {
+            sequence,
+            subject: "tirante.v1.raw.todi".to_owned(),
+            headers: String::new(),
+            payload: payload.to_vec(),
+            time_ns: 5,
+        }
+    }
+
+    #[test]
+    fn recordings_stay_as_they_are_and_lines_come_together() {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = [MAGIC, b"whatever"].concat();
+        let written = write(
+            folder.path(),
+            vec![
+                message(
+                    7,
+                    b"{\"topic\":\"/a\",\"time\":3,\"value\":1}\n\n{\"topic\":\"/b\",\"value\":2}",
+                ),
+                message(
+                    8,
+                    b"{\"topic\":\"/a\",\"time\":4,\"value\":1}\nnothing\n{\"topic\":\"/a\",\"time\":9}\n",
+                ),
+                message(9, &recording),
+                message(12, b"nothing at all"),
+            ],
+        )
+        .unwrap();
+        assert_eq!(
+            written.files,
+            ["00000000000000000007.mcap", "00000000000000000009.mcap"]
+        );
+        let unread: Vec<i64> = written
+            .unread
+            .iter()
+            .map(|(message, _)| message.sequence)
+            .collect();
+        assert_eq!(unread, [8, 12]);
+        assert!(
+            written.unread[0].1.starts_with("line 2 cannot be read"),
+            "{}",
+            written.unread[0].1
+        );
+        assert_eq!(
+            fs::read(folder.path().join(&written.files[1])).unwrap(),
+            recording
+        );
+        let lines = fs::read(folder.path().join(&written.files[0])).unwrap();
+        let read: Vec<(String, u64)> = mcap::MessageStream::new(&lines)
+            .unwrap()
+            .map(|message| {
+                let message = message.unwrap();
+                (message.channel.topic.clone(), message.log_time)
+            })
+            .collect();
+        let of = |topic: &str, time| (topic.to_owned(), time);
+        assert_eq!(read, [of("/a", 3), of("/b", 5), of("/a", 4), of("/a", 9)]);
+    }
+}

@@ -1,0 +1,143 @@
+//! The stream with the samples of sites without a computer, as a worker reads it.
+
+use crate::config::HubConfig;
+use crate::config::settings::forward::WORK;
+use crate::service::forward::beat;
+use crate::service::forward::link::{Link, LinkError};
+use crate::service::hub::centre::Position;
+use crate::service::hub::feed;
+use crate::service::hub::incoming::Incoming;
+use crate::service::hub::lasting::Lasting;
+use async_nats::jetstream::stream::Stream;
+use serde_json::json;
+use std::time::Duration;
+
+/// Stream with the samples.
+pub const STREAM: &str = "TIRANTE_RAW";
+/// Subject of a site, without its name.
+pub const RAW: &str = "tirante.v1.raw";
+
+/// The stream as a worker creates it.
+const SAMPLES: Lasting = Lasting {
+    name: STREAM,
+    subject: RAW,
+    kept: Duration::from_secs(30 * 86_400),
+};
+/// Most messages taken at once, and their bytes.
+const MOST: usize = 256;
+const BYTES: usize = 16 << 20;
+/// Longest time for the post to take a heartbeat.
+const BEAT: Duration = Duration::from_secs(2);
+
+/// Reading end of a site's subject.
+pub struct Raw {
+    link: Link,
+    stream: Stream,
+    subject: String,
+    site: String,
+    /// Place up to which messages were taken.
+    position: Position,
+}
+
+impl Raw {
+    /// Connects, and creates the stream if it is missing and that is configured.
+    ///
+    /// # Errors
+    /// The server cannot be reached, refuses, or is not fit to keep samples.
+    pub async fn open(config: &HubConfig, site: &str) -> Result<Self, LinkError> {
+        let link = Link::open(&config.nats, WORK).await?;
+        let stream = SAMPLES.open(&link, config).await?;
+        Ok(Self {
+            stream,
+            subject: format!("{RAW}.{site}"),
+            site: site.to_owned(),
+            link,
+            position: Position::default(),
+        })
+    }
+
+    /// Reads on after a message. A stream that was set back or made anew does not have it: it is read from its beginning, and
+    /// records that are known are recognised by their content.
+    ///
+    /// # Errors
+    /// The server does not answer.
+    pub async fn seek(&mut self, after: Position) -> Result<(), LinkError> {
+        let number = u64::try_from(after.sequence).unwrap_or(0);
+        let info = self
+            .link
+            .unless_lost(async { Ok::<_, LinkError>(self.stream.info().await) })
+            .await?;
+        let last = match info {
+            Ok(info) => info.state.last_sequence,
+            Err(error) => return Err(self.link.failed(&format!("the stream {STREAM}"), &error)),
+        };
+        let is_the_same = number == 0
+            || last >= number
+                && self
+                    .ask(&json!({ "seq": number }))
+                    .await?
+                    .is_none_or(|found| found.time_ns == after.time_ns);
+        self.position = if is_the_same {
+            after
+        } else {
+            tracing::warn!(
+                "{}: message {number} of the stream {STREAM} is not the one that was read: it was set back, and is read from its \
+                 beginning",
+                self.site
+            );
+            Position::default()
+        };
+        Ok(())
+    }
+
+    /// The next messages of the site, in order; none at the end.
+    ///
+    /// # Errors
+    /// The server does not answer.
+    pub async fn fetch(&mut self) -> Result<Vec<Incoming>, LinkError> {
+        let mut found = Vec::new();
+        let mut bytes = 0;
+        while found.len() < MOST && bytes < BYTES {
+            let next = json!({ "seq": self.position.sequence + 1, "next_by_subj": self.subject });
+            let Some(message) = self.ask(&next).await? else {
+                break;
+            };
+            bytes += message.payload.len();
+            self.position = Position {
+                sequence: message.sequence,
+                time_ns: message.time_ns,
+            };
+            found.push(message);
+        }
+        Ok(found)
+    }
+
+    /// Place up to which messages were taken.
+    pub fn position(&self) -> Position {
+        self.position
+    }
+
+    /// Says that the site lives.
+    ///
+    /// # Errors
+    /// The post does not take it.
+    pub async fn beat(&self, payload: Vec<u8>) -> Result<(), LinkError> {
+        let subject = format!("{}.{}", beat::SUBJECT, self.site);
+        let send = async {
+            let sent = self.link.jetstream.publish(subject.clone(), payload.into()).await;
+            match sent {
+                Ok(sent) => sent.await.map(|_| ()),
+                Err(error) => Err(error),
+            }
+        };
+        match tokio::time::timeout(BEAT, send).await {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(error)) => Err(self.link.failed(&subject, &error)),
+            Err(elapsed) => Err(self.link.failed(&subject, &elapsed)),
+        }
+    }
+
+    async fn ask(&self, question: &serde_json::Value) -> Result<Option<Incoming>, LinkError> {
+        feed::ask(&self.link, STREAM, question).await
+    }
+}

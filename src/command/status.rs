@@ -183,8 +183,12 @@ fn table(rows: &[RodStatus], now: Timestamp) -> String {
         let since = row.since.map_or_else(String::new, |since| {
             format!("{} since {}; ", row.state, minutes(&since.to_string()))
         });
+        let set_aside = match row.set_aside {
+            0 => String::new(),
+            some => format!(", {some} set aside"),
+        };
         table.note(format!(
-            "{since}latest record {}; {}, {:.1} % rejected",
+            "{since}latest record {}; {}, {:.1} % rejected{set_aside}",
             time(row.latest_record),
             counted(row.records, "record"),
             row.rejected_share() * 100.0
@@ -279,6 +283,7 @@ fn spreadsheet(rows: &[RodStatus], monitoring: Option<&Monitoring>, now: Timesta
         "is_stale",
         "monitoring_stopped_since",
         "acknowledged_words",
+        "set_aside",
     ]);
     let number = |number: Option<f64>| number.map_or_else(String::new, |number| format!("{number:?}"));
     let time = |time: Option<Timestamp>| time.map_or_else(String::new, |time| time.to_string());
@@ -326,6 +331,7 @@ fn spreadsheet(rows: &[RodStatus], monitoring: Option<&Monitoring>, now: Timesta
             row.is_stale(now).to_string(),
             time(monitoring.and_then(|monitoring| monitoring.stopped_since)),
             said.join("; "),
+            row.set_aside.to_string(),
         ];
         out += &csv(cells.iter().map(String::as_str));
     }

@@ -35,8 +35,9 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     pub sites: Vec<String>,
 
-    /// Most sites at once; the others are left to other workers. Each costs a process of some 20 MB.
-    #[arg(long, value_name = "COUNT", default_value_t = 1000, value_parser = clap::value_parser!(u16).range(1..))]
+    /// Most sites at once; the others are left to other workers. Each costs a process of some 20 MB and a connection to
+    /// PostgreSQL.
+    #[arg(long, value_name = "COUNT", default_value_t = 50, value_parser = clap::value_parser!(u16).range(1..))]
     pub most: u16,
 
     /// Time after which a site is free again if its worker does not say that it lives, in seconds.
@@ -85,10 +86,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         holder: format!("{host}/{}", std::process::id()),
     };
     let worker = match Worker::new(&config, &runtime, choice, (stopping, reloads)) {
-        Err(error @ (BeginError::NoSites(_) | BeginError::Unfit(..))) => {
+        Err(error @ (BeginError::NoSites(_) | BeginError::Unfit(_))) => {
             return Err(BadArguments(error.to_string()).into());
         }
-        Err(BeginError::Config(error)) => return Err(error.into()),
         begun => begun?,
     };
     tell!(

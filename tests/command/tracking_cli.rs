@@ -120,6 +120,23 @@ fn another_unit_is_a_trouble_of_the_sensor() {
     assert_eq!(alarms(&site), ["north sensor"]);
     assert_eq!(set_aside(&site, "north", 28), only("amplitude"));
     assert_eq!(set_aside(&site, "south", 28), only("none"));
+    // None is rejected, and yet none counts: the status says how many.
+    let status = |words: &[&str]| {
+        site.run(&[&["status", "--store", "site.db"], words].concat())
+            .stdout
+    };
+    let rows = lines(&status(&["--format", "json"]));
+    let counts = |rod: usize| ["records", "rejected", "set_aside"].map(|count| rows[rod][count].as_i64());
+    assert_eq!(counts(0), [42, 0, 14].map(Some));
+    assert_eq!(counts(1), [42, 0, 0].map(Some));
+    let table = text(&status(&[]))
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ");
+    assert!(
+        table.contains("42 records, 0.0 % rejected, 14 set aside"),
+        "{table}"
+    );
 }
 
 /// Days from the first noon of the campaign to 1970 and to 2100.

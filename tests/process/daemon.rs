@@ -152,7 +152,7 @@ fn wait_for_files_in(store: &Path, count: usize) {
 fn records(reader: &Reader) -> i64 {
     let rods = reader.rods().unwrap_or_default();
     let counts = rods.iter().filter_map(|rod| reader.counts(rod).ok());
-    counts.map(|(records, _)| records as i64).sum()
+    counts.map(|counts| counts.records as i64).sum()
 }
 
 /// The dump of an undisturbed replay.

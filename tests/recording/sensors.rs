@@ -324,7 +324,7 @@ fn files_of_one_sensor_each_never_make_two_rows_of_a_motion() {
 
 /// Records in the daemon's store.
 fn records(site: &Site) -> u64 {
-    let counts = |reader: &Reader| Some(reader.counts(&RodId::from("a")).ok()?.0);
+    let counts = |reader: &Reader| Some(reader.counts(&RodId::from("a")).ok()?.records);
     let reader = Reader::open(&site.path("live.db")).ok();
     reader.as_ref().and_then(counts).unwrap_or(0)
 }

@@ -5,6 +5,8 @@ use crate::packaging::{DEADLINE, Daemon, packaged, recorded, replayed, write};
 use crate::site::*;
 use mcap::Message;
 use rand::RngExt;
+use serde_json::Value;
+use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -92,6 +94,42 @@ fn files_of_a_few_messages_give_the_rows_of_the_whole() {
     }
     let _daemon = Daemon::start(&site);
     wait_for_rows(&site, &expected, "six messages a file");
+}
+
+/// A file whose samples begin before another's end goes on with nothing of it, not with the first temperature behind it either.
+#[test]
+fn a_file_that_overlaps_another_keeps_its_samples() {
+    let (site, messages, _) = watched(1.0);
+    let start = messages.iter().map(|message| message.log_time).min().unwrap();
+    let second = |message: &Message<'_>| (message.log_time - start) as f64 * 1e-9 - 4.0 * 3600.0;
+    let paths = ["1.mcap", "2.mcap"].map(|name| site.path("in").join(name));
+    let until = messages.iter().filter(|message| second(message) < 6.0);
+    write(&paths[0], until, Some(20_000));
+    let from = messages.iter().filter(|message| second(message) >= 1.5);
+    write(&paths[1], from, Some(20_000));
+    replayed(&site, &paths, "both.db");
+    let _daemon = Daemon::start(&site);
+    // The temperatures of the overlap are there twice, and count as they come.
+    let records = |store: &str| {
+        let lines = site.history(store, "records");
+        let one = |line: &Value| {
+            format!(
+                "{} {} {} {}",
+                line["rod"], line["start"], line["duration_s"], line["rejection"]
+            )
+        };
+        lines.iter().map(one).collect::<BTreeSet<_>>()
+    };
+    let expected = records("both.db");
+    assert!(
+        expected.iter().any(|record| record.contains(":01.6")),
+        "{expected:?}"
+    );
+    let until = Instant::now() + DEADLINE;
+    while !site.path("live.db").exists() || records("live.db") != expected {
+        assert!(Instant::now() < until, "{:?}\n{expected:?}", records("live.db"));
+        thread::sleep(Duration::from_millis(100));
+    }
 }
 
 /// Removes what a daemon kept.

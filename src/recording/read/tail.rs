@@ -63,16 +63,6 @@ impl Tail {
         })
     }
 
-    /// The same as samples of the file of another one.
-    pub(super) fn of_file(self, other: &Self) -> Self {
-        Self {
-            file: other.file.clone(),
-            bytes: other.bytes,
-            records: other.records,
-            ..self
-        }
-    }
-
     /// Encodes it for the store.
     pub fn encode(&self) -> Vec<u8> {
         let room = Vec::with_capacity(self.held() + 4096);
@@ -154,15 +144,23 @@ impl Tail {
 /// Open samples of the files read so far, one rod each, for the files that go on with them.
 #[derive(Debug, Clone)]
 pub struct Tails {
-    waiting: Arc<Mutex<BTreeMap<RodId, (Tail, Instant)>>>,
+    pool: Arc<Mutex<Pool>>,
     settings: RecordSettings,
+}
+
+#[derive(Debug, Default)]
+struct Pool {
+    /// Those that wait, each since a time.
+    waiting: BTreeMap<RodId, (Tail, Instant)>,
+    /// Time since which a rod's samples up to a log time \[ns\] wait: a file with temperatures alone takes them and puts them back.
+    since: BTreeMap<RodId, (u64, Instant)>,
 }
 
 impl Tails {
     /// None yet, of rods cut with `settings`.
     pub fn new(settings: RecordSettings) -> Self {
         Self {
-            waiting: Arc::default(),
+            pool: Arc::default(),
             settings,
         }
     }
@@ -172,8 +170,12 @@ impl Tails {
         &self.settings
     }
 
+    fn pool<T>(&self, work: impl FnOnce(&mut Pool) -> T) -> T {
+        work(&mut self.pool.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
     fn all<T>(&self, work: impl FnOnce(&mut BTreeMap<RodId, (Tail, Instant)>) -> T) -> T {
-        work(&mut self.waiting.lock().unwrap_or_else(PoisonError::into_inner))
+        self.pool(|pool| work(&mut pool.waiting))
     }
 
     /// Takes the samples with which a rod's message of this log time \[ns\] goes on: earlier messages than theirs go on with nothing.
@@ -193,7 +195,7 @@ impl Tails {
     /// The rod has a later one: the tail itself.
     #[allow(clippy::result_large_err, reason = "it is no failure, and moved on at once")]
     pub fn put(&self, tail: Tail) -> Result<Option<Tail>, Tail> {
-        self.all(|waiting| {
+        self.pool(|Pool { waiting, since }| {
             if waiting
                 .get(&tail.rod)
                 .is_some_and(|(other, _)| other.to > tail.to)
@@ -201,7 +203,10 @@ impl Tails {
                 return Err(tail);
             }
             let (to, rod) = (tail.to, tail.rod.clone());
-            let before = waiting.insert(rod.clone(), (tail, Instant::now()));
+            let known = since.get(&rod).filter(|(known, _)| *known == to);
+            let at = known.map_or_else(Instant::now, |(_, at)| *at);
+            since.insert(rod.clone(), (to, at));
+            let before = waiting.insert(rod.clone(), (tail, at));
             // The same samples again, of a copy or of a file that was touched, replace themselves.
             let is_same = |before: &Tail| {
                 let now = waiting.get(&rod).map(|(tail, _)| (&tail.lanes, &tail.moments));

@@ -4,7 +4,7 @@
 
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::Interval;
-use crate::site::store::{Point, Reader, StoreError};
+use crate::site::store::{Counts, Point, Reader, StoreError};
 use std::collections::BTreeMap;
 
 /// Length of a day \[ns\].
@@ -33,6 +33,8 @@ pub struct Bucket {
     pub records: u64,
     /// Number of rejected records.
     pub rejected: u64,
+    /// Number of records that were set aside.
+    pub set_aside: u64,
     /// Number of records whose time tracking believed.
     pub believed: u64,
     /// N_t / N_0 at the reference temperature.
@@ -100,6 +102,7 @@ impl Bucket {
                 .add(temperature_c, temperature_c, temperature_c);
         }
         if point.set_aside.is_some() {
+            self.set_aside += 1;
             return;
         }
         self.relative_force_at_reference
@@ -115,6 +118,7 @@ impl Bucket {
     pub fn join(&mut self, other: &Self) {
         self.records += other.records;
         self.rejected += other.rejected;
+        self.set_aside += other.set_aside;
         self.believed += other.believed;
         self.relative_force_at_reference
             .join(&other.relative_force_at_reference);
@@ -173,12 +177,14 @@ impl Days {
             .map(|(day, bucket)| (Timestamp::from_nanos(day.saturating_mul(DAY_NS)), bucket))
     }
 
-    /// Number of a rod's records and of those rejected, records without a time among them.
-    pub fn counts(&self, rod: &RodId) -> (u64, u64) {
+    /// Numbers of a rod's records, those without a time among them.
+    pub fn counts(&self, rod: &RodId) -> Counts {
         let days = self.rods.get(rod).into_iter().flat_map(BTreeMap::values);
         days.chain(self.timeless.get(rod))
-            .fold((0, 0), |(records, rejected), day| {
-                (records + day.records, rejected + day.rejected)
+            .fold(Counts::default(), |all, day| Counts {
+                records: all.records + day.records,
+                rejected: all.rejected + day.rejected,
+                set_aside: all.set_aside + day.set_aside,
             })
     }
 

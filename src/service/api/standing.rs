@@ -7,7 +7,7 @@ use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::analysis::track::{Alarm, Interval, Kind, RodState, SILENCE_INTERVALS};
 use crate::config::Config;
 use crate::site::record_row::RecordRow;
-use crate::site::store::{Asked, Reader, Standing, StoreError};
+use crate::site::store::{Asked, Counts, Reader, Standing, StoreError};
 use serde::Serialize;
 
 /// Status of one rod; every field but `sensors` is always present.
@@ -55,6 +55,8 @@ pub struct RodStatus {
     pub records: u64,
     /// Number of rejected records.
     pub rejected: u64,
+    /// Number of records that were set aside: identified, and not followed.
+    pub set_aside: u64,
     /// Active alarms.
     pub alarms: Vec<AlarmAnswer>,
     /// Requests that wait.
@@ -124,11 +126,11 @@ impl RodStatus {
             .is_some_and(|(age_s, after_s)| age_s > after_s)
     }
 
-    /// Status from the store; `counts` are the numbers of the rod's records and of those rejected.
+    /// Status from the store.
     ///
     /// # Errors
     /// The latest record's line cannot be understood.
-    pub fn of(mut standing: Standing, counts: (u64, u64), terms: Option<Terms>) -> Result<Self, StoreError> {
+    pub fn of(mut standing: Standing, counts: Counts, terms: Option<Terms>) -> Result<Self, StoreError> {
         let latest = standing.latest_row()?;
         let latest_used = latest.as_ref().and_then(|row| row.start);
         let sensors = latest.as_ref().and_then(|row| row.sensors.clone());
@@ -163,8 +165,9 @@ impl RodStatus {
             latest_record: standing.latest_start,
             records_ahead: standing.ahead,
             stale_after_s: stale_after_s(&standing, terms),
-            records: counts.0,
-            rejected: counts.1,
+            records: counts.records,
+            rejected: counts.rejected,
+            set_aside: counts.set_aside,
             alarms: standing
                 .alarms
                 .into_iter()

@@ -33,6 +33,8 @@ pub struct Obedience {
     refused: BTreeMap<String, u64>,
     /// Commit from which on all are to be sent again.
     resend: Option<i64>,
+    /// True for a worker of the centre, which sends nothing and has no configuration of its own.
+    is_worker: bool,
 }
 
 impl Obedience {
@@ -48,6 +50,15 @@ impl Obedience {
             read: None,
             refused: BTreeMap::new(),
             resend: None,
+            is_worker: false,
+        }
+    }
+
+    /// The same for a site without a computer.
+    pub fn of_worker(self) -> Self {
+        Self {
+            is_worker: true,
+            ..self
         }
     }
 
@@ -191,6 +202,10 @@ impl Obedience {
                 }
                 let asked = Asked::rebaseline(Some(&format!("{}: {reason}", order.by)));
                 Ok(Ok((Some((rod, asked)), "accepted".to_owned())))
+            }
+            Action::Resend { .. } if self.is_worker => idle("a worker writes its rows: nothing is sent".to_owned()),
+            Action::Configure { .. } if self.is_worker => {
+                idle("its configuration is the file that the hub's list names; SIGHUP has the workers read it again".to_owned())
             }
             Action::Resend { from } => {
                 let last = reader.latest_change()?;

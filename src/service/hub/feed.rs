@@ -30,6 +30,7 @@ const RESULTS: Lasting = Lasting {
     name: STREAM,
     subject: OUT,
     kept: Duration::from_secs(90 * 86_400),
+    remembers: Duration::ZERO,
 };
 /// Most bytes kept of a header's value: no label is longer.
 const HEADER: usize = 200;

@@ -147,7 +147,10 @@ impl Fold {
     fn effect(&mut self, message: &Incoming, batch: &mut Batch) -> Result<i64, (&'static str, String)> {
         let site = message.site();
         if !self.listed.contains(site) {
-            return Err((UNLISTED, format!("{site} is not on the list of sites")));
+            return Err((
+                UNLISTED,
+                format!("{site} is not on the list of sites that forward"),
+            ));
         }
         let label = message.label().map_err(|error| (UNREADABLE, error.to_string()))?;
         let read = || message::decode(&label, &message.payload);

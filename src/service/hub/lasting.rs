@@ -23,6 +23,8 @@ pub struct Lasting {
     pub subject: &'static str,
     /// Age at which it drops messages, where it is created.
     pub kept: Duration,
+    /// Time for which an id of a message is remembered, so that it is kept once; zero for the server's two minutes.
+    pub remembers: Duration,
 }
 
 impl Lasting {
@@ -83,6 +85,7 @@ impl Lasting {
             storage: StorageType::File,
             discard: DiscardPolicy::Old,
             max_age: self.kept,
+            duplicate_window: self.remembers,
             max_bytes: STREAM_BYTES.0,
             allow_direct: true,
             deny_delete: true,
@@ -148,6 +151,7 @@ mod tests {
         name: "RESULTS",
         subject: "results",
         kept: Duration::from_secs(90 * 86_400),
+        remembers: Duration::ZERO,
     };
 
     #[test]

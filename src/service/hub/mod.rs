@@ -90,6 +90,19 @@ pub fn beside(storage: &Storage) -> Result<Centre, CentreError> {
     }
 }
 
+/// Opens the database for the work on a site, under leases that last so long.
+///
+/// # Errors
+/// It refuses, or is none that several workers share.
+pub fn for_worker(storage: &Storage, lasts: Duration) -> Result<Centre, CentreError> {
+    match storage {
+        Storage::Postgres(settings) => {
+            Centre::beside(Box::new(postgres::Postgres::for_worker(settings, lasts)?))
+        }
+        Storage::Sqlite(_) => beside(storage),
+    }
+}
+
 /// The folding process.
 pub struct Hub<'a> {
     config: &'a HubConfig,

@@ -26,6 +26,8 @@ const SILENT: Duration = Duration::from_secs(30);
 const FOLDING: Duration = Duration::from_secs(60);
 /// Longest time of a statement that reads, which may be a whole table.
 const READING: Duration = Duration::from_secs(600);
+/// Longest time for which a worker waits for a lock.
+const LOCKED: Duration = Duration::from_secs(1);
 /// Longest time in which the server notices that the one before has ended.
 const RELEASE: Duration = Duration::from_secs(3);
 
@@ -41,7 +43,7 @@ impl Postgres {
     /// # Errors
     /// Another hub has it, or the server cannot be reached or refuses.
     pub fn open(settings: &PostgresSettings) -> Result<Self, SqlError> {
-        let mut server = Self::connect(settings, FOLDING)?;
+        let mut server = Self::connect(settings, FOLDING, "")?;
         let until = Instant::now() + RELEASE;
         loop {
             let taken = server
@@ -63,14 +65,28 @@ impl Postgres {
     /// # Errors
     /// The server cannot be reached or refuses.
     pub fn beside(settings: &PostgresSettings) -> Result<Self, SqlError> {
-        Self::connect(settings, READING)
+        Self::connect(settings, READING, "")
     }
 
-    fn connect(settings: &PostgresSettings, longest: Duration) -> Result<Self, SqlError> {
+    /// Connects for the work on a site. A transaction that stands still for as long as a lease `lasts` is ended by the server, and no
+    /// lock is waited for.
+    ///
+    /// # Errors
+    /// The server cannot be reached or refuses.
+    pub fn for_worker(settings: &PostgresSettings, lasts: Duration) -> Result<Self, SqlError> {
+        let more = format!(
+            "-c idle_in_transaction_session_timeout={} -c lock_timeout={}",
+            lasts.as_millis(),
+            LOCKED.as_millis()
+        );
+        Self::connect(settings, READING, &more)
+    }
+
+    fn connect(settings: &PostgresSettings, longest: Duration, more: &str) -> Result<Self, SqlError> {
         let refused = |what: &dyn std::fmt::Display| SqlError::Refused(format!("[postgres]: {what}"));
         let mut config: Config = settings.connection.parse()?;
         let own = config.get_options().unwrap_or_default();
-        let options = format!("{own} -c statement_timeout={}", longest.as_millis());
+        let options = format!("{own} -c statement_timeout={} {more}", longest.as_millis());
         config
             .connect_timeout(CONNECT)
             .tcp_user_timeout(SILENT)

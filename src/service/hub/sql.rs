@@ -15,6 +15,9 @@ pub enum SqlError {
     /// PostgreSQL takes the statement, and not the values.
     #[error("{0}")]
     Content(String),
+    /// Another transaction holds the row for longer than is waited.
+    #[error("{0}")]
+    Busy(String),
     /// It cannot be opened, or is another program's.
     #[error("{0}")]
     Refused(String),
@@ -27,6 +30,9 @@ impl From<postgres::Error> for SqlError {
             return Self::Postgres(format!("{error}{}", cause.unwrap_or_default()));
         };
         let text = format!("{}: {}", said.severity(), said.message());
+        if *said.code() == postgres::error::SqlState::LOCK_NOT_AVAILABLE {
+            return Self::Busy(text);
+        }
         // Data exceptions, broken constraints, and limits as that of a row in an index.
         if ["22", "23", "54"].contains(&&said.code().code()[..2]) {
             Self::Content(text)
@@ -45,7 +51,7 @@ impl SqlError {
                 error.sqlite_error_code(),
                 Some(ErrorCode::ConstraintViolation | ErrorCode::TooBig | ErrorCode::TypeMismatch)
             ),
-            Self::Postgres(_) | Self::Refused(_) => false,
+            Self::Postgres(_) | Self::Busy(_) | Self::Refused(_) => false,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! One connection's work of the hub: folds what comes, takes up what was parked, looks for what is missing.
 
 use super::batch::Batch;
-use super::centre::{Centre, CentreError};
+use super::centre::{Centre, CentreError, SiteState};
 use super::commands::Published;
 use super::feed::{Feed, number};
 use super::fold::{self, Fold, Judged};
@@ -12,7 +12,7 @@ use super::{ABOUT, Hub, HubError};
 use crate::service::alert::Backoff;
 use crate::service::telemetry::Fault;
 use crate::site::clock;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
 /// Interval of looks at the end of the stream, which may have been set back.
@@ -53,12 +53,19 @@ pub(super) struct Work<'h> {
     command_again: Option<Instant>,
 }
 
+/// What the database knows of the sites that forward: what it knows of the others is their workers' to write.
+fn forwarding(hub: &Hub<'_>, centre: &mut Centre) -> Result<BTreeMap<String, SiteState>, CentreError> {
+    let mut sites = centre.sites()?;
+    sites.retain(|site, _| !hub.config.is_thin(site));
+    Ok(sites)
+}
+
 impl<'h> Work<'h> {
     /// Opens both.
     pub(super) fn open(hub: &'h Hub<'h>) -> Result<Self, HubError> {
         let mut centre = super::open(&hub.config.storage)?;
         let feed = hub.runtime.block_on(Feed::open(hub.config))?;
-        let (sites, overruled) = (centre.sites()?, centre.overruled()?);
+        let (sites, overruled) = (forwarding(hub, &mut centre)?, centre.overruled()?);
         let silence = Silence::begin(centre.beats()?, clock::now().as_nanos());
         Ok(Self {
             fold: Fold::new(hub.listed(), centre.copied().to_vec(), sites, overruled),
@@ -204,14 +211,14 @@ impl<'h> Work<'h> {
     }
 
     fn settle_alone(&mut self, message: &Incoming, origin: Origin) -> Result<Judged, HubError> {
-        self.fold.again(self.centre.sites()?);
+        self.fold.again(forwarding(self.hub, &mut self.centre)?);
         let mut batch = Batch::default();
         let judged = self.judge(message, origin, &mut batch);
         let error = match self.centre.commit(batch) {
             Err(CentreError::Sql(error)) if error.is_of_content() => error,
             done => return Ok(done.map(|()| judged)?),
         };
-        self.fold.again(self.centre.sites()?);
+        self.fold.again(forwarding(self.hub, &mut self.centre)?);
         let detail = fit(&format!("the database refuses it: {error}"), LONGEST);
         if origin == Origin::Stream {
             let mut batch = Batch::default();
@@ -237,8 +244,6 @@ impl<'h> Work<'h> {
             let (fault, _) = state.fault.as_ref()?;
             Some((site.clone(), fault == fold::GAP))
         });
-        // Of a site without a computer messages of another stream are parked, which a worker judged.
-        let marked = marked.filter(|(site, _)| !self.hub.config.is_thin(site));
         for (site, is_gap) in marked.collect::<Vec<_>>() {
             if is_gap {
                 self.look_back(&site)?;
@@ -346,9 +351,10 @@ impl<'h> Work<'h> {
 
     /// Tells the faults of the sites that forward; those of the others are what their workers wrote.
     fn tell_faults(&self) {
-        let sites = self.fold.sites().iter();
-        for (site, state) in sites.filter(|(site, _)| !self.hub.config.is_thin(site)) {
-            self.tell_fault(site, state.fault.as_ref());
+        for (site, state) in self.fold.sites() {
+            if !self.hub.config.is_thin(site) {
+                self.tell_fault(site, state.fault.as_ref());
+            }
         }
     }
 

@@ -51,7 +51,7 @@ pub use lock::Reserved;
 pub use open::Durability;
 pub use operation::{Carry, FileMark, FileState, News};
 pub use page::{Line, Lines, Mark, Modes, Point, Sampling};
-pub use read::{Reader, Refusals};
+pub use read::{Counts, Reader, Refusals};
 pub use relay::{Reached, Relayed};
 pub use remainder::Remainder;
 pub use request::{Asked, Request};

@@ -295,17 +295,25 @@ impl Reader {
         read().map_err(|failure| self.fault(failure))
     }
 
-    /// Number of a rod's records in the store, and of those rejected. Reads every one of them.
+    /// Numbers of a rod's records in the store. Reads every one of them.
     ///
     /// # Errors
     /// The store cannot be read.
-    pub fn counts(&self, rod: &RodId) -> Result<(u64, u64), StoreError> {
-        let counted: (i64, i64) = self
-            .connection
-            .prepare_cached("SELECT count(*), count(rejection) FROM record WHERE rod = ?")
-            .and_then(|mut statement| statement.query_row([&rod.0], |row| Ok((row.get(0)?, row.get(1)?))))
-            .map_err(|error| self.fault(Failure::Sql(error)))?;
-        Ok((counted.0.unsigned_abs(), counted.1.unsigned_abs()))
+    pub fn counts(&self, rod: &RodId) -> Result<Counts, StoreError> {
+        let count = || -> rusqlite::Result<Counts> {
+            let mut statement = self.connection.prepare_cached(
+                "SELECT count(*), count(rejection), count(set_aside) FROM record WHERE rod = ?",
+            )?;
+            statement.query_row([&rod.0], |row| {
+                let number = |place| row.get(place).map(i64::unsigned_abs);
+                Ok(Counts {
+                    records: number(0)?,
+                    rejected: number(1)?,
+                    set_aside: number(2)?,
+                })
+            })
+        };
+        count().map_err(|error| self.fault(Failure::Sql(error)))
     }
 
     /// Refused records of a rod by reason, in the order of the reasons' codes.
@@ -348,6 +356,17 @@ impl Reader {
         };
         read().map_err(|error| self.fault(Failure::Sql(error)))
     }
+}
+
+/// Numbers of a rod's records.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// All of them.
+    pub records: u64,
+    /// Those that were rejected.
+    pub rejected: u64,
+    /// Those that were set aside: identified, and not followed.
+    pub set_aside: u64,
 }
 
 /// Refused records of one reason.

@@ -4,20 +4,22 @@
 
 use super::row::Row;
 use super::state::Failure;
-use super::{Reader, Store, StoreError};
+use super::{Reader, Store, StoreError, schema};
 use rusqlite::types::Value;
-use rusqlite::{Connection, params_from_iter};
+use rusqlite::{Connection, OptionalExtension, params_from_iter};
 use serde::{Deserialize, Serialize};
 
-/// Tables of the remainder. Left out are those of a machine (`file`, `origin`, `delivery`) and what only an analysis without samples
-/// reads (`resonance`).
-const TABLES: [&str; 8] = [
-    "state", "snapshot", "source", "carry", "expected", "alive", "shelf", "request",
+/// Tables of the remainder. Left out are those of a machine (`file`, `origin`, `source`, `delivery`) and what only an analysis without
+/// samples reads (`resonance`).
+const TABLES: [&str; 7] = [
+    "state", "snapshot", "carry", "expected", "alive", "shelf", "request",
 ];
 
 /// Rows from which a daemon goes on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Remainder {
+    /// Format of the store, which fixes the columns.
+    format: i64,
     /// Id of the store.
     pub epoch: String,
     /// Number of its last commit.
@@ -72,9 +74,20 @@ impl Remainder {
     /// From such bytes.
     ///
     /// # Errors
-    /// They are not those of a remainder.
+    /// They are not those of a remainder, or of a store of another format.
     pub fn decode(bytes: &[u8]) -> Result<Self, StoreError> {
         let bytes = zstd::decode_all(bytes).map_err(|error| unreadable(&error))?;
+        // The format comes first: another one need not be readable beyond it.
+        let (format, _) = postcard::take_from_bytes::<i64>(&bytes).map_err(|error| unreadable(&error))?;
+        if format != schema::FORMAT {
+            return Err(StoreError::Unreadable {
+                what: "the kept state of a site".to_owned(),
+                detail: format!(
+                    "it is of store format {format}, and this program knows {}: all workers are to be of one version",
+                    schema::FORMAT
+                ),
+            });
+        }
         postcard::from_bytes(&bytes).map_err(|error| unreadable(&error))
     }
 }
@@ -106,29 +119,32 @@ impl Reader {
         };
         let tables: rusqlite::Result<Vec<_>> = TABLES.iter().map(read).collect();
         Ok(Remainder {
+            format: schema::FORMAT,
             epoch: self.epoch()?.unwrap_or_default(),
             through: self.latest_change()?,
             tables: tables.map_err(|error| self.fault(Failure::Sql(error)))?,
         })
     }
 
-    /// True if a daemon has read these files to their end.
+    /// What a daemon says of files that it has read to their end, each in a sentence where something was lost; `None` if one is not.
     ///
     /// # Errors
     /// The store cannot be read.
-    pub fn has_read(&self, files: &[String]) -> Result<bool, StoreError> {
-        let all = || -> rusqlite::Result<bool> {
+    pub fn said_of(
+        &self,
+        files: impl Iterator<Item = impl AsRef<str>>,
+    ) -> Result<Option<Vec<Option<String>>>, StoreError> {
+        let said = || -> rusqlite::Result<Option<Vec<Option<String>>>> {
             let mut statement = self
                 .connection
-                .prepare_cached("SELECT 1 FROM file WHERE name = ?")?;
-            for name in files {
-                if !statement.exists([name])? {
-                    return Ok(false);
-                }
-            }
-            Ok(true)
+                .prepare_cached("SELECT detail FROM file WHERE name = ?")?;
+            let details = files.map(|name| {
+                let detail = statement.query_row([name.as_ref()], |row| row.get(0));
+                detail.optional()
+            });
+            details.collect()
         };
-        all().map_err(|error| self.fault(Failure::Sql(error)))
+        said().map_err(|error| self.fault(Failure::Sql(error)))
     }
 }
 

@@ -24,7 +24,7 @@ const LEASE_S: u64 = 2;
 /// Messages of a slice: ten seconds of both rods.
 const SLICE: usize = 20;
 /// Kills in the gate; `KILLS` sets another number for [`a_campaign_of_killed_workers`].
-const KILLS: u32 = 8;
+const KILLS: u32 = 10;
 
 /// The hub with sites without a computer, and their workers.
 struct Thin {
@@ -96,6 +96,24 @@ impl Thin {
             let worker = self.workers[place].as_mut();
             if worker.is_none_or(|worker| worker.try_wait().unwrap().is_some()) {
                 self.start_worker(place);
+            }
+        }
+    }
+
+    /// Kills the daemons of a worker's sites; it may have none.
+    fn kill_daemons(&self, place: usize) {
+        let worker = self.workers[place].as_ref().unwrap().id().to_string();
+        let processes = fs::read_dir("/proc").unwrap().flatten();
+        for process in processes {
+            let stat = fs::read_to_string(process.path().join("stat")).unwrap_or_default();
+            // Behind the name in parentheses: state, and the parent.
+            let parent = stat
+                .rsplit_once(") ")
+                .and_then(|(_, rest)| rest.split(' ').nth(1));
+            if parent == Some(worker.as_str()) {
+                let pid = process.file_name().into_string().unwrap();
+                // It may have ended meanwhile.
+                Command::new("kill").args(["-KILL", &pid]).status().unwrap();
             }
         }
     }
@@ -282,8 +300,8 @@ fn kill_at_random(kills: u32) {
         for kill in 0..kills {
             thread::sleep(Duration::from_millis(generator.random_range(200..1500)));
             thin.keep_workers();
-            // Each of the gate's eight is another one, and each kind comes twice.
-            let (kind, place) = (kill % 4, usize::from(generator.random::<bool>()));
+            // In the gate each kind comes twice.
+            let (kind, place) = (kill % 5, usize::from(generator.random::<bool>()));
             *counts.entry(kind).or_insert(0) += 1;
             match kind {
                 0 => thin.kill_worker(place),
@@ -294,10 +312,11 @@ fn kill_at_random(kills: u32) {
                     thin.signal(place, "CONT");
                 }
                 2 => thin.fleet.kill_nats(),
+                3 => thin.kill_daemons(place),
                 _ => thin.fleet.kill_postgres(),
             }
         }
-        eprintln!("{kills} kills (0 worker, 1 standstill, 2 post, 3 database): {counts:?}");
+        eprintln!("{kills} kills (0 worker, 1 standstill, 2 post, 3 daemons, 4 database): {counts:?}");
     });
     for place in 0..2 {
         thin.wait_until_equal(place, "thin.db");
@@ -359,6 +378,7 @@ fn a_site_goes_from_one_worker_to_another() {
     let port = thin.fleet.nats_port();
     let mut first = days_as_lines(&thin.fleet.edges[0].site, "first", &Part::new(0, 4));
     first.insert(2, b"nothing that a sensor says".to_vec());
+    first.insert(5, b"\x89MCAP0\r\nand nothing that follows".to_vec());
     let then = days_as_lines(&thin.fleet.edges[0].site, "then", &Part::new(4, 3));
     replay(&thin.fleet.edges[0].site, "first.mcap");
     send(port, "todi", "first", &first, Duration::ZERO);
@@ -369,7 +389,7 @@ fn a_site_goes_from_one_worker_to_another() {
     let before = row(&thin);
     assert_eq!(
         (&before["parked"], &before["is_idle"]),
-        (&Value::from(1), &Value::from(false))
+        (&Value::from(2), &Value::from(false))
     );
     assert!(
         before["worker"].is_string() && before["worst"] == "parked",
@@ -384,7 +404,7 @@ fn a_site_goes_from_one_worker_to_another() {
     );
     let number = command(&thin.fleet, &["rebaseline", "north"]);
     let dropped = thin.fleet.hub_command(&["parked", "todi", "--discard"]);
-    assert_eq!(super::fleet::text_of(&dropped.stdout), "1 messages dropped\n");
+    assert_eq!(super::fleet::text_of(&dropped.stdout), "2 messages dropped\n");
     // It gives the site back, and nothing is monitored until another takes it.
     stop(thin.workers[0].take());
     let idle = row(&thin);

@@ -257,7 +257,7 @@ impl Campaign {
         };
         let rods = reader.rods().unwrap_or_default();
         let counts = rods.iter().filter_map(|rod| reader.counts(rod).ok());
-        counts.map(|(records, _)| records as usize).sum()
+        counts.map(|counts| counts.records as usize).sum()
     }
 
     /// Lets an undisturbed daemon take the rest.

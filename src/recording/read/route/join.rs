@@ -44,6 +44,10 @@ impl Router {
             let Some(lanes) = lanes else { continue };
             if route.temperature {
                 lanes[0].is_warmed = true;
+                // Its samples here began without them.
+                if lanes[0].is_begun {
+                    continue;
+                }
             } else if std::mem::replace(&mut lanes[0].is_begun, true) {
                 let counts = self.counts.iter().skip(first).take(lanes.len());
                 let is_first = counts.map(|count| count.messages).sum::<u64>() == 0;
@@ -103,13 +107,11 @@ impl Router {
         lanes
             .filter(|lanes| lanes.iter().any(Rod::is_open))
             .filter_map(|lanes| {
-                let tail = Tail::of(lanes, tails.settings(), place)?;
-                // With temperatures alone the samples are still those of the file before.
-                let before = self.taken.iter().find(|taken| taken.rod == tail.rod);
-                Some(match before.filter(|_| !lanes[0].is_begun) {
-                    Some(before) => tail.of_file(before),
-                    None => tail,
-                })
+                // With temperatures alone the samples are still those of a file before.
+                let before = lanes[0].files.latest().filter(|_| !lanes[0].is_begun);
+                let (file, bytes, records) = place.clone();
+                let place = (before.unwrap_or(file), bytes, records);
+                Tail::of(lanes, tails.settings(), &place)
             })
             .collect()
     }

@@ -3,7 +3,7 @@
 use crate::config::Config;
 use crate::service::telemetry::log;
 use rustix::process::{Pid, Signal, kill_process};
-use std::io;
+use std::io::{self, BufRead, BufReader};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -13,11 +13,16 @@ use std::time::{Duration, Instant};
 /// Longest time to stop by itself.
 const STOP_WITHIN: Duration = Duration::from_secs(10);
 
-/// Reason why a configuration is none of a site without a computer.
+/// Checks a file with the configuration of a site without a computer.
 ///
 /// # Errors
-/// It has sources or sinks of its own, by section.
-pub fn check(config: &Config) -> Result<(), String> {
+/// It is bad, or has sources or sinks of its own: the reason with the file and the section.
+pub fn check(path: &Path) -> Result<(), String> {
+    let config = Config::load(path).map_err(|error| error.to_string())?;
+    fit(&config).map_err(|reason| format!("{}: {reason}", path.display()))
+}
+
+fn fit(config: &Config) -> Result<(), String> {
     let ingest = &config.ingest;
     let own = [
         ("[ingest] folder", ingest.folder.is_some()),
@@ -39,13 +44,15 @@ pub fn check(config: &Config) -> Result<(), String> {
 pub struct Daemon(Child);
 
 impl Daemon {
-    /// Starts it with a site's configuration, within a folder. It ends with the thread that started it.
+    /// Starts it with a site's configuration, within a folder. It ends with the thread that started it; its lines in plain text have
+    /// the site in front.
     ///
     /// # Errors
     /// The system gives no process.
-    pub fn start(config: &Path, within: &Path) -> io::Result<Self> {
+    pub fn start(site: &str, config: &Path, within: &Path) -> io::Result<Self> {
         let [format, filter] = log::form().words();
-        let child = Command::new("/proc/self/exe")
+        let is_plain = format == "plain";
+        let mut child = Command::new("/proc/self/exe")
             .arg0("tirante")
             .args(["run", "--log", &format, "--config"])
             .arg(config)
@@ -58,7 +65,20 @@ impl Daemon {
             .env_remove("WATCHDOG_PID")
             .stdin(Stdio::null())
             .stdout(Stdio::null())
+            .stderr(if is_plain {
+                Stdio::piped()
+            } else {
+                Stdio::inherit()
+            })
             .spawn()?;
+        if let Some(lines) = child.stderr.take() {
+            let site = site.to_owned();
+            thread::spawn(move || {
+                for line in BufReader::new(lines).lines().map_while(Result::ok) {
+                    eprintln!("{site}: {line}");
+                }
+            });
+        }
         Ok(Self(child))
     }
 
@@ -105,7 +125,7 @@ mod tests {
     #[test]
     fn a_configuration_with_sources_or_sinks_of_its_own_is_refused() {
         let plain = include_str!("../../../../config/minimal.toml");
-        let of = |more: &str| check(&Config::parse(&format!("{plain}\n{more}"), "site.toml").unwrap());
+        let of = |more: &str| fit(&Config::parse(&format!("{plain}\n{more}"), "site.toml").unwrap());
         assert_eq!(of(""), Ok(()));
         assert_eq!(of("[ingest]\njoin_s = 60"), Ok(()));
         for (more, named) in [

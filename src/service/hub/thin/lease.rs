@@ -5,7 +5,7 @@
 
 use crate::service::hub::batch::Batch;
 use crate::service::hub::centre::{Centre, CentreError, Position};
-use crate::service::hub::sql::{integer, text};
+use crate::service::hub::sql::{SqlError, integer, text};
 use crate::site::store::Remainder;
 use rusqlite::types::Value;
 use std::collections::BTreeMap;
@@ -71,7 +71,11 @@ impl Centre {
             Value::Text(holder.to_owned()),
             Value::Integer(millis(lasts)),
         ];
-        let taken = self.sql.query(&sql, &values)?;
+        let taken = match self.sql.query(&sql, &values) {
+            // Its holder is in the middle of a transaction.
+            Err(SqlError::Busy(_)) => return Ok(None),
+            taken => taken?,
+        };
         Ok(taken.first().map(|row| Lease {
             site: site.to_owned(),
             number: integer(row.first()),

@@ -11,13 +11,14 @@ pub mod raw;
 
 use super::centre::CentreError;
 use super::scratch::Scratch;
+use crate::config::HubConfig;
 use crate::config::settings::hub::SiteSettings;
 use crate::config::settings::ingest::names;
-use crate::config::{Config, ConfigError, HubConfig};
 use crate::service::forward::link::LinkError;
 use owned::{Around, Owned, WorkError};
 use std::collections::BTreeMap;
 use std::io;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::{self, ScopedJoinHandle};
@@ -38,12 +39,9 @@ pub enum BeginError {
     /// No site has a configuration at the centre.
     #[error("no [[site]] of the list has a `config`{0}: only sites without a computer are worked on")]
     NoSites(String),
-    /// A configuration is bad.
-    #[error(transparent)]
-    Config(#[from] ConfigError),
-    /// A configuration is none of a site without a computer.
-    #[error("{0}: {1}")]
-    Unfit(String, String),
+    /// The configurations of all sites are bad, or none of a site without a computer.
+    #[error("{0}")]
+    Unfit(String),
     /// The database.
     #[error(transparent)]
     Centre(#[from] CentreError),
@@ -103,12 +101,16 @@ impl<'a> Worker<'a> {
             };
             return Err(BeginError::NoSites(chosen));
         }
-        for site in &sites {
-            let path = site.config.clone().unwrap_or_default();
-            daemon::check(&Config::load(&path)?)
-                .map_err(|reason| BeginError::Unfit(path.display().to_string(), reason))?;
+        // A site whose configuration is bad does not keep the others down.
+        let check = |site: &SiteSettings| daemon::check(site.config.as_deref().unwrap_or(Path::new("")));
+        let bad: Vec<String> = sites.iter().filter_map(|site| check(site).err()).collect();
+        if bad.len() == sites.len() {
+            return Err(BeginError::Unfit(bad.join("\n")));
         }
-        super::beside(&config.storage)?.holders()?;
+        for reason in bad {
+            tracing::error!("{reason}");
+        }
+        super::for_worker(&config.storage, choice.lease)?.holders()?;
         runtime.block_on(raw::Raw::open(config, &sites[0].name))?;
         let below = &config.copies.path;
         let folder =
@@ -146,7 +148,7 @@ impl<'a> Worker<'a> {
                 let mut look = || -> Result<(), CentreError> {
                     let centre = match &mut centre {
                         Some(centre) => centre,
-                        none => none.insert(super::beside(&self.config.storage)?),
+                        none => none.insert(super::for_worker(&self.config.storage, self.choice.lease)?),
                     };
                     for site in &self.sites {
                         let name = site.name.as_str();
@@ -185,7 +187,7 @@ impl<'a> Worker<'a> {
             reloads: &self.reloads,
         };
         let work = || -> Result<(), WorkError> {
-            let centre = super::beside(&self.config.storage)?;
+            let centre = super::for_worker(&self.config.storage, lease.lasts)?;
             Owned::begin(around, site, centre, lease.clone())?.run()
         };
         match work() {
@@ -193,7 +195,8 @@ impl<'a> Worker<'a> {
             Err(error) => {
                 tracing::error!("{name}: given up: {error}");
                 // If the database is not there, the lease ends by itself.
-                let _ = super::beside(&self.config.storage).and_then(|mut centre| centre.release(&lease));
+                let centre = super::for_worker(&self.config.storage, lease.lasts);
+                let _ = centre.and_then(|mut centre| centre.release(&lease));
             }
         }
     }

@@ -3,9 +3,9 @@
 //! Messages are given as a set: the next one when all of the set is read. The database has a state only at the ends of sets, so that
 //! state, rows and position always say the same, whatever is killed and whoever goes on.
 
-use super::daemon::Daemon;
+use super::daemon::{self, Daemon};
 use super::lease::{Kept, Lease};
-use super::payload;
+use super::payload::{self, Written};
 use super::raw::{RAW, Raw};
 use crate::config::settings::credential::CredentialError;
 use crate::config::settings::hub::SiteSettings;
@@ -24,8 +24,9 @@ use crate::service::hub::text::fit;
 use crate::service::telemetry::{Fault, Health};
 use crate::site::clock;
 use crate::site::store::{Durability, FORMAT, Reader, Store, StoreError};
+use sha2::{Digest, Sha256};
 use std::cell::RefCell;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -41,12 +42,16 @@ const BEAT: Duration = Duration::from_secs(60);
 const COMMANDS: Duration = Duration::from_secs(5);
 /// Wait after the post failed.
 const POST_AGAIN: Duration = Duration::from_secs(5);
-/// Longest time for a set to be read, after which it is told.
+/// Longest time for a set to be read, after which its daemon is begun again.
 const SLOW: Duration = Duration::from_secs(600);
+/// Wait before a daemon that ended is begun again, twice as long each time.
+const RESTART: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
+/// Number of recordings that are remembered, by their content, to know one that comes again.
+const REMEMBERED: usize = 256;
 
 /// Subjects of conditions.
 const POST: &str = "work/post";
-const READING: &str = "work/reading";
+const READING: &str = "work/daemon";
 
 /// Reason why a site is given up.
 #[derive(Debug, thiserror::Error)]
@@ -54,9 +59,12 @@ pub enum WorkError {
     /// Another worker has it.
     #[error("another worker has the site: this one stood still for longer than its lease")]
     Fenced,
-    /// Its daemon ended.
+    /// Its daemon does not take the configuration, or cannot go on.
     #[error("its daemon ended ({0}); its own lines tell why")]
     Daemon(std::process::ExitStatus),
+    /// Its configuration is bad, or none of a site without a computer.
+    #[error("{0}")]
+    Unfit(String),
     /// Rows and state at the centre contradict each other.
     #[error("{0}")]
     Contradiction(String),
@@ -94,10 +102,10 @@ pub struct Around<'a> {
 
 /// Messages that the daemon has, and does not have in its store yet.
 struct Set {
-    files: Vec<String>,
-    unread: Vec<(Incoming, String)>,
+    written: Written,
     /// Its last message.
     position: Position,
+    /// Time since which its daemon has it.
     since: Instant,
 }
 
@@ -112,7 +120,12 @@ pub struct Owned<'a> {
     folder: PathBuf,
     reader: Reader,
     epoch: String,
-    daemon: Daemon,
+    config: PathBuf,
+    daemon: Option<Daemon>,
+    /// Number of times that the daemon ended since it last came to the end of a set, and the time at which it is begun again.
+    ends: (u32, Instant),
+    /// Contents of the latest recordings.
+    remembered: VecDeque<[u8; 32]>,
     post: Option<Raw>,
     post_due: Instant,
     /// Message up to which the database has everything.
@@ -143,10 +156,12 @@ impl<'a> Owned<'a> {
     ) -> Result<Self, WorkError> {
         let renewed = Instant::now();
         let config = site.config.clone().unwrap_or_default();
+        daemon::check(&config).map_err(WorkError::Unfit)?;
         let folder = around.folder.join(&site.name);
         let _ = fs::remove_dir_all(&folder);
         fs::create_dir_all(within::recordings(&folder))?;
-        let renewing = RefCell::new((hub::beside(&around.config.storage)?, renewed));
+        let beside = hub::for_worker(&around.config.storage, lease.lasts)?;
+        let renewing = RefCell::new((beside, renewed));
         // Years of rows take longer than a lease.
         let is_lost = || {
             let (centre, at) = &mut *renewing.borrow_mut();
@@ -174,12 +189,14 @@ impl<'a> Owned<'a> {
                 let public = nkeys::KeyPair::from_seed(seed.trim()).map(|pair| pair.public_key());
                 public
                     .ok()
-                    .map(|key| Obedience::new(&key, &site.name, &store, &config))
+                    .map(|key| Obedience::new(&key, &site.name, &store, &config).of_worker())
             }
         };
-        let daemon = Daemon::start(&config, &folder)?;
         Ok(Self {
-            daemon,
+            daemon: Some(Daemon::start(&site.name, &config, &folder)?),
+            ends: (0, renewed),
+            remembered: VecDeque::new(),
+            config,
             around,
             site,
             lease,
@@ -212,19 +229,24 @@ impl<'a> Owned<'a> {
             self.step()?;
             thread::sleep(LOOK);
         }
-        self.daemon.stop();
+        if let Some(daemon) = &mut self.daemon {
+            daemon.stop();
+        }
         self.keep()?;
         Ok(self.centre.release(&self.lease)?)
     }
 
     fn step(&mut self) -> Result<(), WorkError> {
-        if let Some(status) = self.daemon.ended()? {
-            return Err(WorkError::Daemon(status));
-        }
+        self.mind_daemon()?;
         let reloads = self.around.reloads.load(Ordering::Relaxed);
         if reloads != self.reloads {
             self.reloads = reloads;
-            self.daemon.reload();
+            match daemon::check(&self.config) {
+                Ok(()) => self.daemon.iter().for_each(Daemon::reload),
+                Err(reason) => {
+                    tracing::error!("{}: the present configuration stays: {reason}", self.site.name)
+                }
+            }
         }
         self.health.tick();
         self.keep()?;
@@ -249,23 +271,60 @@ impl<'a> Owned<'a> {
         Ok(())
     }
 
+    /// Begins a daemon again that ended, or that does not come to the end of what it was given: over the same folder, where it knows at
+    /// which step it ended, and sets that aside when it ends there again.
+    fn mind_daemon(&mut self) -> Result<(), WorkError> {
+        if let Some(daemon) = &mut self.daemon {
+            let is_slow = self.set.as_ref().is_some_and(|set| set.since.elapsed() >= SLOW);
+            let how = match daemon.ended()? {
+                // Bad arguments or configuration stay bad.
+                Some(status) if status.code() == Some(2) => return Err(WorkError::Daemon(status)),
+                Some(status) => format!("ended ({status})"),
+                None if is_slow => format!("has not read what it was given for {} min", SLOW.as_secs() / 60),
+                None => {
+                    let has_lived = self.ends.1.elapsed() >= RESTART.1;
+                    if self.set.is_none() && has_lived {
+                        self.ends.0 = 0;
+                        self.health.over(Fault::Behind, READING);
+                    }
+                    return Ok(());
+                }
+            };
+            self.daemon = None;
+            let wait = RESTART.0.saturating_mul(1 << self.ends.0.min(10)).min(RESTART.1);
+            self.ends = (self.ends.0 + 1, Instant::now() + wait);
+            let name = &self.site.name;
+            let detail = format!(
+                "{name}: its daemon {how}; it is begun again, {} in a row",
+                self.ends.0
+            );
+            self.health.hold(Fault::Behind, READING, detail);
+        }
+        if Instant::now() >= self.ends.1 {
+            self.daemon = Some(Daemon::start(&self.site.name, &self.config, &self.folder)?);
+            if let Some(set) = &mut self.set {
+                set.since = Instant::now();
+            }
+        }
+        Ok(())
+    }
+
     /// Keeps what the daemon has made, once it has read all that it was given.
     fn keep(&mut self) -> Result<(), WorkError> {
-        self.tell_slow();
         let version = self.reader.data_version()?;
         if self.seen == Some(version) {
             return Ok(());
         }
         self.seen = Some(version);
-        let files = self.set.as_ref().map_or(&[][..], |set| &set.files);
+        let files = self.set.iter().flat_map(|set| set.written.files.keys());
         let made = self.reader.together(|reader| {
-            if !reader.has_read(files)? {
+            let Some(said) = reader.said_of(files)? else {
                 return Ok(None);
-            }
+            };
             let changes = reader.changes_after(self.through, usize::MAX)?;
-            Ok(Some((changes, reader.remainder()?)))
+            Ok(Some((said, changes, reader.remainder()?)))
         })?;
-        let Some((changes, remainder)) = made else {
+        let Some((said, changes, remainder)) = made else {
             return Ok(());
         };
         let mut batch = Batch::default();
@@ -290,7 +349,20 @@ impl<'a> Owned<'a> {
             let added = self.fold.add(of, came, || Ok(changes), &mut batch);
             added.map_err(|(fault, detail)| WorkError::Contradiction(format!("{fault}: {detail}")))?;
         }
-        for (message, reason) in self.set.iter().flat_map(|set| &set.unread) {
+        // What was damaged, and what was set aside because the program ends at it.
+        let of_files = self.set.iter().flat_map(|set| set.written.files.values());
+        let of_files = of_files.zip(&said);
+        let lost = of_files.filter_map(|(message, said)| Some((message.as_ref()?, said.as_ref()?)));
+        let unread = self.set.iter().flat_map(|set| &set.written.unread);
+        let unread = unread.map(|(message, reason)| (message, reason));
+        for (message, reason) in unread.chain(lost) {
+            self.health.fault(
+                Fault::Forward,
+                format!(
+                    "{}: message {} of {RAW}.{} is parked: {reason}",
+                    self.site.name, message.sequence, self.site.name
+                ),
+            );
             let detail = fit(
                 &format!("message {}: {reason}", message.sequence),
                 fold::LONGEST_DETAIL,
@@ -306,27 +378,13 @@ impl<'a> Owned<'a> {
         self.through = kept.remainder.through;
         self.position = position;
         if let Some(set) = self.set.take() {
-            for name in set.files {
+            self.ends.0 = 0;
+            self.health.over(Fault::Behind, READING);
+            for name in set.written.files.into_keys() {
                 fs::remove_file(within::recordings(&self.folder).join(name))?;
             }
         }
         Ok(())
-    }
-
-    /// Tells of a set that the daemon does not come to the end of.
-    fn tell_slow(&self) {
-        let Some(set) = self.set.as_ref().filter(|set| set.since.elapsed() >= SLOW) else {
-            return self.health.over(Fault::Behind, READING);
-        };
-        let detail = format!(
-            "{}: its daemon has not read messages {} to {} of {RAW}.{} for {:.0} min; nothing more is given to it",
-            self.site.name,
-            self.position.sequence + 1,
-            set.position.sequence,
-            self.site.name,
-            set.since.elapsed().as_secs_f64() / 60.0
-        );
-        self.health.hold(Fault::Behind, READING, detail);
     }
 
     /// Gives the next messages to the daemon, if there are any.
@@ -347,17 +405,9 @@ impl<'a> Owned<'a> {
             return Ok(());
         };
         let position = post.position();
-        let written = payload::write(&within::recordings(&self.folder), messages)?;
-        for (message, reason) in &written.unread {
-            let detail = format!(
-                "{}: message {} of {RAW}.{} is parked: {reason}",
-                self.site.name, message.sequence, self.site.name
-            );
-            self.health.fault(Fault::Forward, detail);
-        }
+        let messages = self.news(messages);
         self.set = Some(Set {
-            files: written.files,
-            unread: written.unread,
+            written: payload::write(&within::recordings(&self.folder), messages)?,
             position,
             since: Instant::now(),
         });
@@ -371,15 +421,38 @@ impl<'a> Owned<'a> {
             Some(post) => post,
             none => none.insert(runtime.block_on(Raw::open(self.around.config, &self.site.name))?),
         };
-        runtime.block_on(async {
+        // What takes longer than the lease would cost it.
+        let longest = self.lease.lasts / 3;
+        let ask = async {
             post.seek(self.position).await?;
-            post.fetch().await
-        })
+            post.fetch(Instant::now() + longest / 2).await
+        };
+        let asked = runtime.block_on(async { tokio::time::timeout(longest, ask).await });
+        asked.unwrap_or_else(|_| Err(LinkError::Failed(format!("no answer within {longest:?}"))))
+    }
+
+    /// Messages without the recordings that came before: one whose acknowledgement was lost is sent again.
+    fn news(&mut self, mut messages: Vec<Incoming>) -> Vec<Incoming> {
+        messages.retain(|message| {
+            let content = <[u8; 32]>::from(Sha256::digest(&message.payload));
+            let is_known = payload::is_recording(message) && self.remembered.contains(&content);
+            if !is_known {
+                self.remembered.push_back(content);
+                if self.remembered.len() > REMEMBERED {
+                    self.remembered.pop_front();
+                }
+            }
+            !is_known
+        });
+        messages
     }
 
     /// Says at the post that the site lives. A hub that does not listen is no reason to stop.
     fn beat(&mut self) -> Result<(), WorkError> {
-        let Some(post) = &self.post else { return Ok(()) };
+        // A site whose daemon comes to no end is not one that lives: the hub is to tell that it is silent.
+        let Some(post) = self.post.as_ref().filter(|_| self.ends.0 == 0) else {
+            return Ok(());
+        };
         let mut beat = Heartbeat::of(&self.reader, &self.epoch, &self.health)?;
         if let Some(obedience) = &self.obedience {
             beat.refused = obedience.refused().clone();

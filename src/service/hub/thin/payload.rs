@@ -11,11 +11,16 @@ use std::path::Path;
 /// First bytes of an MCAP file.
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
+/// True for a message that is an MCAP file.
+pub fn is_recording(message: &Incoming) -> bool {
+    message.payload.starts_with(MAGIC)
+}
+
 /// Recordings of some messages.
 #[derive(Debug, Default)]
 pub struct Written {
-    /// Names of the files.
-    pub files: Vec<String>,
+    /// Files by name, each with the message that it is; `None` where it has the lines of several.
+    pub files: BTreeMap<String, Option<Incoming>>,
     /// Messages that are not read, or not all of it, with the reason.
     pub unread: Vec<(Incoming, String)>,
 }
@@ -27,29 +32,31 @@ pub struct Written {
 pub fn write(folder: &Path, messages: Vec<Incoming>) -> io::Result<Written> {
     let mut written = Written::default();
     let mut lines = Lines::default();
-    let mut text_from = None;
+    let mut text_name: Option<String> = None;
     for message in messages {
-        let name = |sequence: i64| format!("{sequence:020}.mcap");
-        if message.payload.starts_with(MAGIC) {
-            if let Some(first) = text_from.take() {
-                written
-                    .files
-                    .extend(std::mem::take(&mut lines).write(folder, name(first))?);
+        // The number alone may come again, of a stream that was made anew.
+        let name = format!("{:020}-{}.mcap", message.sequence, message.time_ns);
+        if is_recording(&message) {
+            if let Some(name) = text_name.take()
+                && std::mem::take(&mut lines).write(folder, &name)?
+            {
+                written.files.insert(name, None);
             }
-            let mut file = AtomicFile::create(&folder.join(name(message.sequence)))?;
+            let mut file = AtomicFile::create(&folder.join(&name))?;
             file.write_all(&message.payload)?;
             file.commit()?;
-            written.files.push(name(message.sequence));
+            written.files.insert(name, Some(message));
             continue;
         }
-        text_from.get_or_insert(message.sequence);
+        text_name.get_or_insert(name);
         if let Err(reason) = lines.take(&message) {
             written.unread.push((message, reason));
         }
     }
-    if let Some(first) = text_from {
-        let name = format!("{first:020}.mcap");
-        written.files.extend(lines.write(folder, name)?);
+    if let Some(name) = text_name
+        && lines.write(folder, &name)?
+    {
+        written.files.insert(name, None);
     }
     Ok(written)
 }
@@ -82,12 +89,12 @@ impl Lines {
         fault.map_or(Ok(()), Err)
     }
 
-    /// Writes them as a recording, unless there are none.
-    fn write(self, folder: &Path, name: String) -> io::Result<Option<String>> {
+    /// Writes them as a recording; false if there are none.
+    fn write(self, folder: &Path, name: &str) -> io::Result<bool> {
         if self.0.is_empty() {
-            return Ok(None);
+            return Ok(false);
         }
-        let mut file = AtomicFile::create(&folder.join(&name))?;
+        let mut file = AtomicFile::create(&folder.join(name))?;
         let broken = |error: mcap::McapError| io::Error::other(error.to_string());
         let mut bytes = io::Cursor::new(Vec::new());
         let mut writer = mcap::WriteOptions::new()
@@ -117,7 +124,7 @@ impl Lines {
         drop(writer);
         file.write_all(bytes.get_ref())?;
         file.commit()?;
-        Ok(Some(name))
+        Ok(true)
     }
 }
 
@@ -156,9 +163,10 @@ mod tests {
             ],
         )
         .unwrap();
+        let names: Vec<&String> = written.files.keys().collect();
         assert_eq!(
-            written.files,
-            ["00000000000000000007.mcap", "00000000000000000009.mcap"]
+            names,
+            ["00000000000000000007-5.mcap", "00000000000000000009-5.mcap"]
         );
         let unread: Vec<i64> = written
             .unread
@@ -171,11 +179,8 @@ mod tests {
             "{}",
             written.unread[0].1
         );
-        assert_eq!(
-            fs::read(folder.path().join(&written.files[1])).unwrap(),
-            recording
-        );
-        let lines = fs::read(folder.path().join(&written.files[0])).unwrap();
+        assert_eq!(fs::read(folder.path().join(names[1])).unwrap(), recording);
+        let lines = fs::read(folder.path().join(names[0])).unwrap();
         let read: Vec<(String, u64)> = mcap::MessageStream::new(&lines)
             .unwrap()
             .map(|message| {

@@ -10,7 +10,7 @@ use crate::service::hub::incoming::Incoming;
 use crate::service::hub::lasting::Lasting;
 use async_nats::jetstream::stream::Stream;
 use serde_json::json;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Stream with the samples.
 pub const STREAM: &str = "TIRANTE_RAW";
@@ -22,6 +22,8 @@ const SAMPLES: Lasting = Lasting {
     name: STREAM,
     subject: RAW,
     kept: Duration::from_secs(30 * 86_400),
+    // A sensor that was cut off sends again what was not acknowledged.
+    remembers: Duration::from_secs(86_400),
 };
 /// Most messages taken at once, and their bytes.
 const MOST: usize = 256;
@@ -90,14 +92,14 @@ impl Raw {
         Ok(())
     }
 
-    /// The next messages of the site, in order; none at the end.
+    /// The next messages of the site, in order, as many as come until a time; none at the end.
     ///
     /// # Errors
     /// The server does not answer.
-    pub async fn fetch(&mut self) -> Result<Vec<Incoming>, LinkError> {
+    pub async fn fetch(&mut self, until: Instant) -> Result<Vec<Incoming>, LinkError> {
         let mut found = Vec::new();
         let mut bytes = 0;
-        while found.len() < MOST && bytes < BYTES {
+        while found.len() < MOST && bytes < BYTES && (found.is_empty() || Instant::now() < until) {
             let next = json!({ "seq": self.position.sequence + 1, "next_by_subj": self.subject });
             let Some(message) = self.ask(&next).await? else {
                 break;

@@ -5,9 +5,11 @@
 
 mod daemon;
 pub mod lease;
+mod minder;
 mod owned;
 mod payload;
 pub mod raw;
+mod takeover;
 
 use super::centre::CentreError;
 use super::scratch::Scratch;

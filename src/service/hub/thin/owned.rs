@@ -3,10 +3,12 @@
 //! Messages are given as a set: the next one when all of the set is read. The database has a state only at the ends of sets, so that
 //! state, rows and position always say the same, whatever is killed and whoever goes on.
 
-use super::daemon::{self, Daemon};
+use super::daemon;
 use super::lease::{Kept, Lease};
+use super::minder::{Looked, Minder};
 use super::payload::{self, Written};
 use super::raw::{RAW, Raw};
+use super::takeover::fetch;
 use crate::config::settings::credential::CredentialError;
 use crate::config::settings::hub::SiteSettings;
 use crate::config::{HubConfig, within};
@@ -17,13 +19,13 @@ use crate::service::forward::obey::Obedience;
 use crate::service::hub;
 use crate::service::hub::batch::Batch;
 use crate::service::hub::centre::{Centre, CentreError, Position};
-use crate::service::hub::copy::{CopyError, SiteCopy};
+use crate::service::hub::copy::CopyError;
 use crate::service::hub::fold::{self, Fold};
 use crate::service::hub::incoming::Incoming;
 use crate::service::hub::text::fit;
 use crate::service::telemetry::{Fault, Health};
 use crate::site::clock;
-use crate::site::store::{Durability, FORMAT, Reader, Store, StoreError};
+use crate::site::store::{FORMAT, Reader, StoreError};
 use sha2::{Digest, Sha256};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -42,10 +44,6 @@ const BEAT: Duration = Duration::from_secs(60);
 const COMMANDS: Duration = Duration::from_secs(5);
 /// Wait after the post failed.
 const POST_AGAIN: Duration = Duration::from_secs(5);
-/// Longest time for a set to be read, after which its daemon is begun again.
-const SLOW: Duration = Duration::from_secs(600);
-/// Wait before a daemon that ended is begun again, twice as long each time.
-const RESTART: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
 /// Number of recordings that are remembered, by their content, to know one that comes again.
 const REMEMBERED: usize = 256;
 
@@ -121,9 +119,7 @@ pub struct Owned<'a> {
     reader: Reader,
     epoch: String,
     config: PathBuf,
-    daemon: Option<Daemon>,
-    /// Number of times that the daemon ended since it last came to the end of a set, and the time at which it is begun again.
-    ends: (u32, Instant),
+    daemon: Minder,
     /// Contents of the latest recordings.
     remembered: VecDeque<[u8; 32]>,
     post: Option<Raw>,
@@ -193,8 +189,7 @@ impl<'a> Owned<'a> {
             }
         };
         Ok(Self {
-            daemon: Some(Daemon::start(&site.name, &config, &folder)?),
-            ends: (0, renewed),
+            daemon: Minder::start(&site.name, &config, &folder)?,
             remembered: VecDeque::new(),
             config,
             around,
@@ -229,9 +224,7 @@ impl<'a> Owned<'a> {
             self.step()?;
             thread::sleep(LOOK);
         }
-        if let Some(daemon) = &mut self.daemon {
-            daemon.stop();
-        }
+        self.daemon.stop();
         self.keep()?;
         Ok(self.centre.release(&self.lease)?)
     }
@@ -242,7 +235,7 @@ impl<'a> Owned<'a> {
         if reloads != self.reloads {
             self.reloads = reloads;
             match daemon::check(&self.config) {
-                Ok(()) => self.daemon.iter().for_each(Daemon::reload),
+                Ok(()) => self.daemon.reload(),
                 Err(reason) => {
                     tracing::error!("{}: the present configuration stays: {reason}", self.site.name)
                 }
@@ -271,40 +264,13 @@ impl<'a> Owned<'a> {
         Ok(())
     }
 
-    /// Begins a daemon again that ended, or that does not come to the end of what it was given: over the same folder, where it knows at
-    /// which step it ended, and sets that aside when it ends there again.
     fn mind_daemon(&mut self) -> Result<(), WorkError> {
-        if let Some(daemon) = &mut self.daemon {
-            let is_slow = self.set.as_ref().is_some_and(|set| set.since.elapsed() >= SLOW);
-            let how = match daemon.ended()? {
-                // Bad arguments or configuration stay bad.
-                Some(status) if status.code() == Some(2) => return Err(WorkError::Daemon(status)),
-                Some(status) => format!("ended ({status})"),
-                None if is_slow => format!("has not read what it was given for {} min", SLOW.as_secs() / 60),
-                None => {
-                    let has_lived = self.ends.1.elapsed() >= RESTART.1;
-                    if self.set.is_none() && has_lived {
-                        self.ends.0 = 0;
-                        self.health.over(Fault::Behind, READING);
-                    }
-                    return Ok(());
-                }
-            };
-            self.daemon = None;
-            let wait = RESTART.0.saturating_mul(1 << self.ends.0.min(10)).min(RESTART.1);
-            self.ends = (self.ends.0 + 1, Instant::now() + wait);
-            let name = &self.site.name;
-            let detail = format!(
-                "{name}: its daemon {how}; it is begun again, {} in a row",
-                self.ends.0
-            );
-            self.health.hold(Fault::Behind, READING, detail);
-        }
-        if Instant::now() >= self.ends.1 {
-            self.daemon = Some(Daemon::start(&self.site.name, &self.config, &self.folder)?);
-            if let Some(set) = &mut self.set {
-                set.since = Instant::now();
-            }
+        let given = self.set.as_ref().map(|set| set.since);
+        match self.daemon.look(given)? {
+            Looked::Well => self.health.over(Fault::Behind, READING),
+            Looked::AsBefore => {}
+            Looked::Ended(detail) => self.health.hold(Fault::Behind, READING, detail),
+            Looked::GivenUp(status) => return Err(WorkError::Daemon(status)),
         }
         Ok(())
     }
@@ -378,8 +344,7 @@ impl<'a> Owned<'a> {
         self.through = kept.remainder.through;
         self.position = position;
         if let Some(set) = self.set.take() {
-            self.ends.0 = 0;
-            self.health.over(Fault::Behind, READING);
+            self.daemon.came_to_an_end();
             for name in set.written.files.into_keys() {
                 fs::remove_file(within::recordings(&self.folder).join(name))?;
             }
@@ -450,7 +415,7 @@ impl<'a> Owned<'a> {
     /// Says at the post that the site lives. A hub that does not listen is no reason to stop.
     fn beat(&mut self) -> Result<(), WorkError> {
         // A site whose daemon comes to no end is not one that lives: the hub is to tell that it is silent.
-        let Some(post) = self.post.as_ref().filter(|_| self.ends.0 == 0) else {
+        let Some(post) = self.post.as_ref().filter(|_| self.daemon.is_well()) else {
             return Ok(());
         };
         let mut beat = Heartbeat::of(&self.reader, &self.epoch, &self.health)?;
@@ -478,41 +443,4 @@ impl<'a> Owned<'a> {
         let open: Vec<_> = open.into_iter().map(|(_, signed)| signed).collect();
         Ok(obedience.follow(&open, &self.epoch, &self.reader, &self.health)?)
     }
-}
-
-/// Makes the store of a site on this machine from what the database has, unless the site is lost meanwhile; returns the last message
-/// and the last commit in it.
-fn fetch(
-    centre: &mut Centre,
-    site: &str,
-    path: &Path,
-    is_lost: &dyn Fn() -> bool,
-) -> Result<(Position, i64), WorkError> {
-    let Some(kept) = centre.kept(site)? else {
-        // Made here, so that it can be read before its daemon has begun.
-        drop(Store::open(path, Durability::Replay)?);
-        return Ok((Position::default(), 0));
-    };
-    let history = centre.sites()?.remove(site).and_then(|state| {
-        let history = state.history()?;
-        Some((history.epoch.clone(), history.through))
-    });
-    let (epoch, through) = (kept.remainder.epoch.clone(), kept.remainder.through);
-    let mut store = match &history {
-        None if through == 0 => Store::open(path, Durability::Replay)?,
-        Some(own) if *own == (epoch, through) => {
-            let mut copy = SiteCopy::begin(centre, site, None, None, path)?;
-            copy.renew(centre, is_lost)?;
-            copy.into_store()
-        }
-        _ => {
-            return Err(WorkError::Contradiction(format!(
-                "the centre's rows of {site} end with {history:?}, and its kept state with commit {through} of store {}: rows of this \
-                 site were written, or removed, by something else",
-                kept.remainder.epoch
-            )));
-        }
-    };
-    store.take_up(kept.remainder)?;
-    Ok((kept.position, through))
 }

@@ -39,6 +39,8 @@ pub struct Raw {
     site: String,
     /// Place up to which messages were taken.
     position: Position,
+    /// True after a stream that was set back was told.
+    has_told: bool,
 }
 
 impl Raw {
@@ -55,6 +57,7 @@ impl Raw {
             site: site.to_owned(),
             link,
             position: Position::default(),
+            has_told: false,
         })
     }
 
@@ -79,16 +82,14 @@ impl Raw {
                     .ask(&json!({ "seq": number }))
                     .await?
                     .is_none_or(|found| found.time_ns == after.time_ns);
-        self.position = if is_the_same {
-            after
-        } else {
+        self.position = if is_the_same { after } else { Position::default() };
+        if !is_the_same && !std::mem::replace(&mut self.has_told, true) {
             tracing::warn!(
                 "{}: message {number} of the stream {STREAM} is not the one that was read: it was set back, and is read from its \
                  beginning",
                 self.site
             );
-            Position::default()
-        };
+        }
         Ok(())
     }
 

@@ -282,8 +282,8 @@ fn spreadsheet(rows: &[RodStatus], monitoring: Option<&Monitoring>, now: Timesta
         "records_ahead",
         "is_stale",
         "monitoring_stopped_since",
-        "acknowledged_words",
         "set_aside",
+        "acknowledged_words",
     ]);
     let number = |number: Option<f64>| number.map_or_else(String::new, |number| format!("{number:?}"));
     let time = |time: Option<Timestamp>| time.map_or_else(String::new, |time| time.to_string());
@@ -330,8 +330,8 @@ fn spreadsheet(rows: &[RodStatus], monitoring: Option<&Monitoring>, now: Timesta
             row.records_ahead.to_string(),
             row.is_stale(now).to_string(),
             time(monitoring.and_then(|monitoring| monitoring.stopped_since)),
-            said.join("; "),
             row.set_aside.to_string(),
+            said.join("; "),
         ];
         out += &csv(cells.iter().map(String::as_str));
     }

@@ -3,6 +3,7 @@
 use super::BadArguments;
 use crate::config::HubConfig;
 use crate::service::hub::thin::{BeginError, Choice, Worker};
+use crate::service::telemetry::process;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -35,8 +36,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     pub sites: Vec<String>,
 
-    /// Most sites at once; the others are left to other workers. Each costs a process of some 20 MB and a connection to
-    /// PostgreSQL.
+    /// Most sites at once; the others are left to other workers. Each costs a process and a connection to PostgreSQL.
     #[arg(long, value_name = "COUNT", default_value_t = 50, value_parser = clap::value_parser!(u16).range(1..))]
     pub most: u16,
 
@@ -78,12 +78,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             reload.fetch_add(1, Ordering::Relaxed);
         }
     });
-    let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
     let choice = Choice {
         sites: args.sites.clone(),
         most: usize::from(args.most),
         lease: Duration::from_secs(args.lease),
-        holder: format!("{host}/{}", std::process::id()),
+        holder: format!("{}/{}", process::host(), std::process::id()),
     };
     let worker = match Worker::new(&config, &runtime, choice, (stopping, reloads)) {
         Err(error @ (BeginError::NoSites(_) | BeginError::Unfit(_))) => {

@@ -72,17 +72,7 @@ pub(super) fn recorded(records: usize, record_s: f64) -> (Site, Vec<mcap::Messag
 /// A site, and the messages of its simulated recording, `whole.mcap`.
 pub(super) fn made(plain: &str, with_simulation: &str) -> (Site, Vec<mcap::Message<'static>>) {
     let site = Site::new(plain);
-    let bytes = fs::read(site.simulate_as("whole.mcap", with_simulation, 3)).unwrap();
-    let messages = mcap::MessageStream::new(&bytes)
-        .unwrap()
-        .map(|message| {
-            let message = message.unwrap();
-            mcap::Message {
-                data: message.data.into_owned().into(),
-                ..message
-            }
-        })
-        .collect();
+    let messages = messages(&site.simulate_as("whole.mcap", with_simulation, 3));
     (site, messages)
 }
 

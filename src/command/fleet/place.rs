@@ -1,5 +1,6 @@
 //! Puts a finished result into its place: on the file system of the results, flushed, under its name in one step.
 
+use crate::service::telemetry::process;
 use std::fs::{self, File};
 use std::io;
 use std::path::Path;
@@ -13,10 +14,9 @@ pub fn put(from: &Path, target: &Path) -> io::Result<()> {
     let name = target
         .file_name()
         .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "not a file name"))?;
-    let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let mut part = std::ffi::OsString::from(".");
     part.push(name);
-    part.push(format!(".{}.{}.part", host.trim(), std::process::id()));
+    part.push(format!(".{}.{}.part", process::host(), std::process::id()));
     let part = target.with_file_name(part);
     let copy = || -> io::Result<()> {
         let mut into = File::create(&part)?;

@@ -39,7 +39,7 @@ pub struct Args {
 /// The database cannot be read, a hub runs, or stdout cannot be written.
 pub fn run(args: &Args, config: &HubConfig) -> anyhow::Result<ExitCode> {
     if args.discard {
-        // What a worker parked, no hub remembers.
+        // A running hub remembers nothing that a worker parked.
         let mut centre = if config.is_thin(&args.site) {
             hub::beside(&config.storage)?
         } else {

@@ -3,6 +3,7 @@
 //! Only the latest of a site is kept at the post, in a stream of its own without a copy on the disk: it is sent once, and one that is
 //! lost is replaced by the next.
 
+use super::link::{Link, LinkError};
 use crate::analysis::signal::record::Timestamp;
 use crate::service::api::monitoring::Monitoring;
 use crate::service::telemetry::Health;
@@ -10,11 +11,14 @@ use crate::site::clock;
 use crate::site::store::{Reader, StoreError};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 /// Stream with the latest heartbeat of each site.
 pub const STREAM: &str = "TIRANTE_BEAT";
 /// Subject of a site, without its name.
 pub const SUBJECT: &str = "tirante.v1.beat";
+/// Longest time for the post to take one; results wait meanwhile.
+const ANSWER: Duration = Duration::from_secs(2);
 /// Largest heartbeat that the stream takes \[bytes\].
 pub const LARGEST: i32 = 16 << 10;
 
@@ -87,5 +91,25 @@ impl Heartbeat {
                 })
                 .collect(),
         })
+    }
+
+    /// Sends it as a site's.
+    ///
+    /// # Errors
+    /// The post does not take it.
+    pub async fn send(&self, link: &Link, site: &str) -> Result<(), LinkError> {
+        let payload = serde_json::to_vec(self).map_err(|error| LinkError::Failed(error.to_string()))?;
+        let subject = format!("{SUBJECT}.{site}");
+        let send = async {
+            link.jetstream
+                .publish(subject.clone(), payload.into())
+                .await?
+                .await
+        };
+        match tokio::time::timeout(ANSWER, send).await {
+            Ok(Ok(_)) => Ok(()),
+            Ok(Err(error)) => Err(link.failed(&subject, &error)),
+            Err(elapsed) => Err(link.failed(&subject, &elapsed)),
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! One connection's work: finds where the subject ends, and continues it commit by commit, one message in flight.
 
-use super::beat::{self, Heartbeat};
+use super::beat::Heartbeat;
 use super::command;
 use super::link::{ANSWER, Link, LinkError};
 use super::message::{self, Label, MessageError, OUT, STREAM};
@@ -15,8 +15,8 @@ use async_nats::jetstream::stream::DirectGetErrorKind;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Longest time for the post to take a heartbeat or to answer for commands; results wait meanwhile.
-const BEAT: Duration = Duration::from_secs(2);
+/// Longest time for the post to answer for commands; results wait meanwhile.
+const COMMANDS: Duration = Duration::from_secs(2);
 /// Most commits in a message.
 const MOST: usize = 200;
 /// Room for headers in a message \[bytes\].
@@ -277,7 +277,7 @@ impl<'a> Session<'a> {
         health: &Health,
     ) -> Result<(), SessionError> {
         let subject = format!("{}.{}", command::SUBJECT, self.settings.site);
-        let last = self.last_of(command::STREAM, &subject, BEAT).await?;
+        let last = self.last_of(command::STREAM, &subject, COMMANDS).await?;
         if let Some(last) = last.filter(|last| obedience.is_new(last.sequence)) {
             let message = (last.sequence, &last.payload[..]);
             obedience.take(message, &self.epoch, reader, health)?;
@@ -297,20 +297,7 @@ impl<'a> Session<'a> {
     ) -> Result<(), SessionError> {
         let mut beat = Heartbeat::of(reader, &self.epoch, health)?;
         beat.refused = refused.cloned().unwrap_or_default();
-        let payload = serde_json::to_vec(&beat).map_err(|error| MessageError::Content(error.to_string()))?;
-        let subject = format!("{}.{}", beat::SUBJECT, self.settings.site);
-        let send = async {
-            let sent = self.link.jetstream.publish(subject.clone(), payload.into()).await;
-            match sent {
-                Ok(sent) => sent.await.map(|_| ()),
-                Err(error) => Err(error),
-            }
-        };
-        match tokio::time::timeout(BEAT, send).await {
-            Ok(Ok(())) => Ok(()),
-            Ok(Err(error)) => Err(self.link.failed(&subject, &error).into()),
-            Err(elapsed) => Err(self.link.failed(&subject, &elapsed).into()),
-        }
+        Ok(beat.send(&self.link, &self.settings.site).await?)
     }
 
     /// As many of the commits as fit into a message, and its content; `None` without commits.

@@ -3,6 +3,7 @@
 use super::batch::Batch;
 use super::centre::{History, Position, SiteState};
 use super::incoming::Incoming;
+use super::park::Parked;
 use super::rows::Rows;
 use super::tables::{self, Copied};
 use super::text::fit;
@@ -82,30 +83,19 @@ impl Fold {
     /// Parks the next message of the stream, and marks its site.
     pub fn park(&mut self, message: &Incoming, fault: &str, detail: String, batch: &mut Batch) {
         Self::pass(message, batch);
-        batch.parked.push(message.parked(fault, detail.clone()));
-        let state = self.sites.entry(message.site().to_owned()).or_default();
-        state.heard_ns = state.heard_ns.max(message.time_ns);
-        // The first fault is the cause; what follows it is its consequence.
-        if state.fault.is_none() {
-            state.fault = Some((fault.to_owned(), detail));
-        }
-        batch.sites.insert(message.site().to_owned(), state.clone());
+        self.set_aside(message.parked(fault, detail), batch);
     }
 
-    /// Parks a message that the worker of a site cannot read, and marks the site.
-    pub fn set_aside(
-        &mut self,
-        site: &str,
-        message: &Incoming,
-        (fault, detail): (&str, String),
-        batch: &mut Batch,
-    ) {
-        let mut parked = message.parked(fault, detail.clone());
-        site.clone_into(&mut parked.site);
+    /// Parks a message of any stream, and marks its site.
+    pub fn set_aside(&mut self, parked: Parked, batch: &mut Batch) {
+        let state = self.sites.entry(parked.site.clone()).or_default();
+        state.heard_ns = state.heard_ns.max(parked.time_ns);
+        // The first fault is the cause; what follows it is its consequence.
+        if state.fault.is_none() {
+            state.fault = Some((parked.fault.clone(), parked.detail.clone()));
+        }
+        batch.sites.insert(parked.site.clone(), state.clone());
         batch.parked.push(parked);
-        let state = self.sites.entry(site.to_owned()).or_default();
-        state.fault.get_or_insert((fault.to_owned(), detail));
-        batch.sites.insert(site.to_owned(), state.clone());
     }
 
     fn pass(message: &Incoming, batch: &mut Batch) {

@@ -93,7 +93,7 @@ pub fn beside(storage: &Storage) -> Result<Centre, CentreError> {
 /// Opens the database for the work on a site, under leases that last so long.
 ///
 /// # Errors
-/// It refuses, or is none that several workers share.
+/// It refuses.
 pub fn for_worker(storage: &Storage, lasts: Duration) -> Result<Centre, CentreError> {
     match storage {
         Storage::Postgres(settings) => {

@@ -53,7 +53,7 @@ pub(super) struct Work<'h> {
     command_again: Option<Instant>,
 }
 
-/// What the database knows of the sites that forward: what it knows of the others is their workers' to write.
+/// States of the sites that forward, from the database; those of the others are their workers' to write.
 fn forwarding(hub: &Hub<'_>, centre: &mut Centre) -> Result<BTreeMap<String, SiteState>, CentreError> {
     let mut sites = centre.sites()?;
     sites.retain(|site, _| !hub.config.is_thin(site));

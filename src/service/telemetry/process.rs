@@ -70,6 +70,12 @@ impl Collector for Process {
     }
 }
 
+/// Name of the machine; empty if the system gives none.
+pub fn host() -> String {
+    let name = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    name.trim().to_owned()
+}
+
 /// The most memory that a process ever had \[MB\]; zero of one that has ended.
 pub fn peak_mb(pid: u32) -> f64 {
     let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();

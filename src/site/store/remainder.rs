@@ -67,8 +67,8 @@ impl Remainder {
     /// # Errors
     /// They cannot be compressed.
     pub fn encode(&self) -> Result<Vec<u8>, StoreError> {
-        let bytes = postcard::to_stdvec(self).map_err(|error| unreadable(&error))?;
-        zstd::encode_all(bytes.as_slice(), 3).map_err(|error| unreadable(&error))
+        let bytes = postcard::to_stdvec(self).map_err(unreadable)?;
+        zstd::encode_all(bytes.as_slice(), 3).map_err(unreadable)
     }
 
     /// From such bytes.
@@ -76,26 +76,23 @@ impl Remainder {
     /// # Errors
     /// They are not those of a remainder, or of a store of another format.
     pub fn decode(bytes: &[u8]) -> Result<Self, StoreError> {
-        let bytes = zstd::decode_all(bytes).map_err(|error| unreadable(&error))?;
+        let bytes = zstd::decode_all(bytes).map_err(unreadable)?;
         // The format comes first: another one need not be readable beyond it.
-        let (format, _) = postcard::take_from_bytes::<i64>(&bytes).map_err(|error| unreadable(&error))?;
+        let (format, _) = postcard::take_from_bytes::<i64>(&bytes).map_err(unreadable)?;
         if format != schema::FORMAT {
-            return Err(StoreError::Unreadable {
-                what: "the kept state of a site".to_owned(),
-                detail: format!(
-                    "it is of store format {format}, and this program knows {}: all workers are to be of one version",
-                    schema::FORMAT
-                ),
-            });
+            return Err(unreadable(format_args!(
+                "it is of store format {format}, and this program knows {}: all workers are to be of one version",
+                schema::FORMAT
+            )));
         }
-        postcard::from_bytes(&bytes).map_err(|error| unreadable(&error))
+        postcard::from_bytes(&bytes).map_err(unreadable)
     }
 }
 
-fn unreadable(error: &dyn std::error::Error) -> StoreError {
+fn unreadable(detail: impl std::fmt::Display) -> StoreError {
     StoreError::Unreadable {
         what: "the kept state of a site".to_owned(),
-        detail: error.to_string(),
+        detail: detail.to_string(),
     }
 }
 
@@ -126,15 +123,15 @@ impl Reader {
         })
     }
 
-    /// What a daemon says of files that it has read to their end, each in a sentence where something was lost; `None` if one is not.
+    /// Losses of files that a daemon has read to their end, each in a sentence, if any; `None` if one of them is not read.
     ///
     /// # Errors
     /// The store cannot be read.
-    pub fn said_of(
+    pub fn losses_of(
         &self,
         files: impl Iterator<Item = impl AsRef<str>>,
     ) -> Result<Option<Vec<Option<String>>>, StoreError> {
-        let said = || -> rusqlite::Result<Option<Vec<Option<String>>>> {
+        let losses = || -> rusqlite::Result<Option<Vec<Option<String>>>> {
             let mut statement = self
                 .connection
                 .prepare_cached("SELECT detail FROM file WHERE name = ?")?;
@@ -144,7 +141,7 @@ impl Reader {
             });
             details.collect()
         };
-        said().map_err(|error| self.fault(Failure::Sql(error)))
+        losses().map_err(|error| self.fault(Failure::Sql(error)))
     }
 }
 

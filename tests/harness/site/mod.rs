@@ -227,6 +227,21 @@ impl Site {
     }
 }
 
+/// Messages of a recording.
+pub fn messages(recording: &Path) -> Vec<mcap::Message<'static>> {
+    let bytes = fs::read(recording).unwrap();
+    mcap::MessageStream::new(&bytes)
+        .unwrap()
+        .map(|message| {
+            let message = message.unwrap();
+            mcap::Message {
+                data: message.data.into_owned().into(),
+                ..message
+            }
+        })
+        .collect()
+}
+
 pub fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }

@@ -4,7 +4,7 @@
 use super::commands::{command, wait_for};
 use super::fleet::{Fleet, Storage, end, process, stop, template};
 use super::servers::{Nats, free_port, program};
-use crate::site::{Part, Site, lines};
+use crate::site::{Part, Site, lines, messages};
 use async_nats::jetstream;
 use rand::RngExt;
 use serde_json::Value;
@@ -199,21 +199,6 @@ fn on_post_if_there(port: u16, work: impl AsyncFnOnce(jetstream::Context) -> boo
             Err(_) => false,
         }
     })
-}
-
-/// Messages of a recording: topic, encoding, log time and content.
-fn messages(file: &Path) -> Vec<mcap::Message<'static>> {
-    let bytes = fs::read(file).unwrap();
-    mcap::MessageStream::new(&bytes)
-        .unwrap()
-        .map(|message| {
-            let message = message.unwrap();
-            mcap::Message {
-                data: message.data.into_owned().into(),
-                ..message
-            }
-        })
-        .collect()
 }
 
 /// A recording of some messages.

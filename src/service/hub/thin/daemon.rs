@@ -82,7 +82,7 @@ impl Daemon {
         Ok(Self(child))
     }
 
-    /// How it ended, if it has.
+    /// Exit status, once it has ended.
     ///
     /// # Errors
     /// The system does not say.

@@ -13,7 +13,7 @@ const SLOW: Duration = Duration::from_secs(600);
 /// Waits before it is begun again, twice as long each time: the first, and the longest, after which it counts as well.
 const AGAIN: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
 
-/// How a daemon was found.
+/// State of a daemon at a look.
 pub(super) enum Looked {
     /// It is at work.
     Well,

@@ -4,11 +4,11 @@
 //! the database and copies back to it; it ends in the rows of a replay, whichever worker had the site, and whatever was killed.
 
 mod daemon;
-pub mod lease;
+mod lease;
 mod minder;
 mod owned;
 mod payload;
-pub mod raw;
+mod raw;
 mod takeover;
 
 use super::centre::CentreError;
@@ -73,7 +73,8 @@ pub struct Worker<'a> {
     config: &'a HubConfig,
     runtime: &'a Runtime,
     choice: Choice,
-    sites: Vec<&'a SiteSettings>,
+    /// Sites that it may take, each with its configuration.
+    sites: Vec<(&'a SiteSettings, &'a Path)>,
     folder: Scratch,
     stopping: Arc<AtomicBool>,
     reloads: Arc<AtomicU64>,
@@ -90,12 +91,13 @@ impl<'a> Worker<'a> {
         choice: Choice,
         (stopping, reloads): (Arc<AtomicBool>, Arc<AtomicU64>),
     ) -> Result<Self, BeginError> {
-        let is_chosen = |site: &&SiteSettings| {
-            let mut patterns = choice.sites.iter();
-            site.config.is_some()
-                && (choice.sites.is_empty() || patterns.any(|pattern| names(pattern, &site.name)))
+        let is_chosen = |site: &SiteSettings| {
+            choice.sites.is_empty() || choice.sites.iter().any(|pattern| names(pattern, &site.name))
         };
-        let sites: Vec<&SiteSettings> = config.sites.iter().filter(is_chosen).collect();
+        let thin = config.sites.iter().filter(|site| is_chosen(site));
+        let sites: Vec<_> = thin
+            .filter_map(|site| Some((site, site.config.as_deref()?)))
+            .collect();
         if sites.is_empty() {
             let chosen = match choice.sites.as_slice() {
                 [] => String::new(),
@@ -104,8 +106,8 @@ impl<'a> Worker<'a> {
             return Err(BeginError::NoSites(chosen));
         }
         // A site whose configuration is bad does not keep the others down.
-        let check = |site: &SiteSettings| daemon::check(site.config.as_deref().unwrap_or(Path::new("")));
-        let bad: Vec<String> = sites.iter().filter_map(|site| check(site).err()).collect();
+        let bad = sites.iter().filter_map(|(_, config)| daemon::check(config).err());
+        let bad: Vec<String> = bad.collect();
         if bad.len() == sites.len() {
             return Err(BeginError::Unfit(bad.join("\n")));
         }
@@ -113,7 +115,7 @@ impl<'a> Worker<'a> {
             tracing::error!("{reason}");
         }
         super::for_worker(&config.storage, choice.lease)?.holders()?;
-        runtime.block_on(raw::Raw::open(config, &sites[0].name))?;
+        runtime.block_on(raw::Raw::open(config, &sites[0].0.name))?;
         let below = &config.copies.path;
         let folder =
             Scratch::new(below).map_err(|error| BeginError::Folder(below.display().to_string(), error))?;
@@ -152,7 +154,7 @@ impl<'a> Worker<'a> {
                         Some(centre) => centre,
                         none => none.insert(super::for_worker(&self.config.storage, self.choice.lease)?),
                     };
-                    for site in &self.sites {
+                    for (site, config) in &self.sites {
                         let name = site.name.as_str();
                         let is_due = again.get(name).is_none_or(|until| Instant::now() >= *until);
                         if taken.len() >= self.choice.most || taken.contains_key(name) || !is_due {
@@ -160,7 +162,7 @@ impl<'a> Worker<'a> {
                         }
                         let lasts = self.choice.lease;
                         if let Some(lease) = centre.take_lease(name, &self.choice.holder, lasts)? {
-                            taken.insert(name, scope.spawn(move || self.work(site, lease)));
+                            taken.insert(name, scope.spawn(move || self.work((site, config), lease)));
                         }
                     }
                     Ok(())
@@ -178,7 +180,7 @@ impl<'a> Worker<'a> {
     }
 
     /// Works on a site until it is given up.
-    fn work(&self, site: &SiteSettings, lease: lease::Lease) {
+    fn work(&self, (site, config): (&SiteSettings, &Path), lease: lease::Lease) {
         let name = &site.name;
         tracing::info!("{name}: taken");
         let around = Around {
@@ -190,7 +192,7 @@ impl<'a> Worker<'a> {
         };
         let work = || -> Result<(), WorkError> {
             let centre = super::for_worker(&self.config.storage, lease.lasts)?;
-            Owned::begin(around, site, centre, lease.clone())?.run()
+            Owned::begin(around, (site, config), centre, lease.clone())?.run()
         };
         match work() {
             Ok(()) => tracing::info!("{name}: given back"),

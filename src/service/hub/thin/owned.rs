@@ -22,6 +22,7 @@ use crate::service::hub::centre::{Centre, CentreError, Position};
 use crate::service::hub::copy::CopyError;
 use crate::service::hub::fold::{self, Fold};
 use crate::service::hub::incoming::Incoming;
+use crate::service::hub::park::Parked;
 use crate::service::hub::text::fit;
 use crate::service::telemetry::{Fault, Health};
 use crate::site::clock;
@@ -118,7 +119,7 @@ pub struct Owned<'a> {
     folder: PathBuf,
     reader: Reader,
     epoch: String,
-    config: PathBuf,
+    config: &'a Path,
     daemon: Minder,
     /// Contents of the latest recordings.
     remembered: VecDeque<[u8; 32]>,
@@ -146,13 +147,12 @@ impl<'a> Owned<'a> {
     /// Database or disk refuse, or the rows are not those of the state.
     pub fn begin(
         around: Around<'a>,
-        site: &'a SiteSettings,
+        (site, config): (&'a SiteSettings, &'a Path),
         mut centre: Centre,
         lease: Lease,
     ) -> Result<Self, WorkError> {
         let renewed = Instant::now();
-        let config = site.config.clone().unwrap_or_default();
-        daemon::check(&config).map_err(WorkError::Unfit)?;
+        daemon::check(config).map_err(WorkError::Unfit)?;
         let folder = around.folder.join(&site.name);
         let _ = fs::remove_dir_all(&folder);
         fs::create_dir_all(within::recordings(&folder))?;
@@ -185,11 +185,11 @@ impl<'a> Owned<'a> {
                 let public = nkeys::KeyPair::from_seed(seed.trim()).map(|pair| pair.public_key());
                 public
                     .ok()
-                    .map(|key| Obedience::new(&key, &site.name, &store, &config).of_worker())
+                    .map(|key| Obedience::new(&key, &site.name, &store, config).of_worker())
             }
         };
         Ok(Self {
-            daemon: Minder::start(&site.name, &config, &folder)?,
+            daemon: Minder::start(&site.name, config, &folder)?,
             remembered: VecDeque::new(),
             config,
             around,
@@ -234,7 +234,7 @@ impl<'a> Owned<'a> {
         let reloads = self.around.reloads.load(Ordering::Relaxed);
         if reloads != self.reloads {
             self.reloads = reloads;
-            match daemon::check(&self.config) {
+            match daemon::check(self.config) {
                 Ok(()) => self.daemon.reload(),
                 Err(reason) => {
                     tracing::error!("{}: the present configuration stays: {reason}", self.site.name)
@@ -284,13 +284,13 @@ impl<'a> Owned<'a> {
         self.seen = Some(version);
         let files = self.set.iter().flat_map(|set| set.written.files.keys());
         let made = self.reader.together(|reader| {
-            let Some(said) = reader.said_of(files)? else {
+            let Some(losses) = reader.losses_of(files)? else {
                 return Ok(None);
             };
             let changes = reader.changes_after(self.through, usize::MAX)?;
-            Ok(Some((said, changes, reader.remainder()?)))
+            Ok(Some((losses, changes, reader.remainder()?)))
         })?;
-        let Some((said, changes, remainder)) = made else {
+        let Some((losses, changes, remainder)) = made else {
             return Ok(());
         };
         let mut batch = Batch::default();
@@ -315,10 +315,10 @@ impl<'a> Owned<'a> {
             let added = self.fold.add(of, came, || Ok(changes), &mut batch);
             added.map_err(|(fault, detail)| WorkError::Contradiction(format!("{fault}: {detail}")))?;
         }
-        // What was damaged, and what was set aside because the program ends at it.
+        // Damaged recordings, and those that were set aside because the program ends at them.
         let of_files = self.set.iter().flat_map(|set| set.written.files.values());
-        let of_files = of_files.zip(&said);
-        let lost = of_files.filter_map(|(message, said)| Some((message.as_ref()?, said.as_ref()?)));
+        let of_files = of_files.zip(&losses);
+        let lost = of_files.filter_map(|(message, loss)| Some((message.as_ref()?, loss.as_ref()?)));
         let unread = self.set.iter().flat_map(|set| &set.written.unread);
         let unread = unread.map(|(message, reason)| (message, reason));
         for (message, reason) in unread.chain(lost) {
@@ -333,8 +333,11 @@ impl<'a> Owned<'a> {
                 &format!("message {}: {reason}", message.sequence),
                 fold::LONGEST_DETAIL,
             );
-            self.fold
-                .set_aside(&self.site.name, message, (fold::UNREADABLE, detail), &mut batch);
+            let parked = Parked {
+                site: self.site.name.clone(),
+                ..message.parked(fold::UNREADABLE, detail)
+            };
+            self.fold.set_aside(parked, &mut batch);
         }
         let kept = Kept { position, remainder };
         if !self.centre.commit_under(&self.lease, batch, &kept)? {
@@ -365,11 +368,14 @@ impl<'a> Owned<'a> {
             }
         };
         self.health.over(Fault::Forward, POST);
-        let (Some(_), Some(post)) = (messages.last(), &self.post) else {
+        let Some(last) = messages.last() else {
             self.post_due = Instant::now() + POLL;
             return Ok(());
         };
-        let position = post.position();
+        let position = Position {
+            sequence: last.sequence,
+            time_ns: last.time_ns,
+        };
         let messages = self.news(messages);
         self.set = Some(Set {
             written: payload::write(&within::recordings(&self.folder), messages)?,
@@ -386,7 +392,7 @@ impl<'a> Owned<'a> {
             Some(post) => post,
             none => none.insert(runtime.block_on(Raw::open(self.around.config, &self.site.name))?),
         };
-        // What takes longer than the lease would cost it.
+        // A request longer than the lease would lose it.
         let longest = self.lease.lasts / 3;
         let ask = async {
             post.seek(self.position).await?;
@@ -399,15 +405,18 @@ impl<'a> Owned<'a> {
     /// Messages without the recordings that came before: one whose acknowledgement was lost is sent again.
     fn news(&mut self, mut messages: Vec<Incoming>) -> Vec<Incoming> {
         messages.retain(|message| {
-            let content = <[u8; 32]>::from(Sha256::digest(&message.payload));
-            let is_known = payload::is_recording(message) && self.remembered.contains(&content);
-            if !is_known {
-                self.remembered.push_back(content);
-                if self.remembered.len() > REMEMBERED {
-                    self.remembered.pop_front();
-                }
+            if !payload::is_recording(message) {
+                return true;
             }
-            !is_known
+            let content = <[u8; 32]>::from(Sha256::digest(&message.payload));
+            let is_news = !self.remembered.contains(&content);
+            if is_news {
+                self.remembered.push_back(content);
+            }
+            if self.remembered.len() > REMEMBERED {
+                self.remembered.pop_front();
+            }
+            is_news
         });
         messages
     }
@@ -422,8 +431,7 @@ impl<'a> Owned<'a> {
         if let Some(obedience) = &self.obedience {
             beat.refused = obedience.refused().clone();
         }
-        let payload = serde_json::to_vec(&beat).map_err(io::Error::from)?;
-        if let Err(error) = self.around.runtime.block_on(post.beat(payload)) {
+        if let Err(error) = self.around.runtime.block_on(post.beat(&beat)) {
             tracing::warn!(
                 "{}: the post does not take its heartbeat: {error}",
                 self.site.name
@@ -437,7 +445,6 @@ impl<'a> Owned<'a> {
         let Some(obedience) = &mut self.obedience else {
             return Ok(());
         };
-        obedience.look(&self.health);
         let mut open = self.centre.open_commands(clock::now().as_nanos())?;
         let open = open.remove(&self.site.name).unwrap_or_default();
         let open: Vec<_> = open.into_iter().map(|(_, signed)| signed).collect();

@@ -3,13 +3,11 @@
 use crate::recording::atomic::AtomicFile;
 use crate::service::hub::incoming::Incoming;
 use crate::service::ingest::line::{self, Line};
+use mcap::MAGIC;
 use mcap::records::MessageHeader;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::Path;
-
-/// First bytes of an MCAP file.
-const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
 /// True for a message that is an MCAP file.
 pub fn is_recording(message: &Incoming) -> bool {
@@ -32,38 +30,34 @@ pub struct Written {
 pub fn write(folder: &Path, messages: Vec<Incoming>) -> io::Result<Written> {
     let mut written = Written::default();
     let mut lines = Lines::default();
-    let mut text_name: Option<String> = None;
     for message in messages {
         // The number alone may come again, of a stream that was made anew.
         let name = format!("{:020}-{}.mcap", message.sequence, message.time_ns);
         if is_recording(&message) {
-            if let Some(name) = text_name.take()
-                && std::mem::take(&mut lines).write(folder, &name)?
-            {
-                written.files.insert(name, None);
-            }
+            lines.write(folder, &mut written)?;
             let mut file = AtomicFile::create(&folder.join(&name))?;
             file.write_all(&message.payload)?;
             file.commit()?;
             written.files.insert(name, Some(message));
             continue;
         }
-        text_name.get_or_insert(name);
+        lines.name.get_or_insert(name);
         if let Err(reason) = lines.take(&message) {
             written.unread.push((message, reason));
         }
     }
-    if let Some(name) = text_name
-        && lines.write(folder, &name)?
-    {
-        written.files.insert(name, None);
-    }
+    lines.write(folder, &mut written)?;
     Ok(written)
 }
 
-/// Samples of JSON lines: topic, time and line.
+/// JSON lines that make a file together.
 #[derive(Default)]
-struct Lines(Vec<(String, u64, Vec<u8>)>);
+struct Lines {
+    /// Name of the file, once there is a message for it.
+    name: Option<String>,
+    /// Topic, time and text of each.
+    samples: Vec<(String, u64, Vec<u8>)>,
+}
 
 impl Lines {
     /// Takes the lines of a message; a sample without a time was measured when the server took the message.
@@ -80,7 +74,7 @@ impl Lines {
             }
             match line::parse(text) {
                 Ok(Line::Data { topic, time }) => {
-                    self.0.push((topic, time.unwrap_or(arrived), text.to_vec()));
+                    self.samples.push((topic, time.unwrap_or(arrived), text.to_vec()));
                 }
                 Ok(Line::End | Line::Hello(_)) => {}
                 Err(what) => fault = fault.or(Some(format!("line {number} {what}"))),
@@ -89,20 +83,19 @@ impl Lines {
         fault.map_or(Ok(()), Err)
     }
 
-    /// Writes them as a recording; false if there are none.
-    fn write(self, folder: &Path, name: &str) -> io::Result<bool> {
-        if self.0.is_empty() {
-            return Ok(false);
-        }
-        let mut file = AtomicFile::create(&folder.join(name))?;
+    /// Writes them as a recording, if there are any, and begins anew.
+    fn write(&mut self, folder: &Path, written: &mut Written) -> io::Result<()> {
+        let Self { name, samples } = std::mem::take(self);
+        let Some(name) = name.filter(|_| !samples.is_empty()) else {
+            return Ok(());
+        };
         let broken = |error: mcap::McapError| io::Error::other(error.to_string());
-        let mut bytes = io::Cursor::new(Vec::new());
         let mut writer = mcap::WriteOptions::new()
             .compression(None)
-            .create(&mut bytes)
+            .create(AtomicFile::create(&folder.join(&name))?)
             .map_err(broken)?;
         let mut channels = BTreeMap::new();
-        for (sequence, (topic, time, text)) in (0..).zip(self.0) {
+        for (sequence, (topic, time, text)) in (0..).zip(samples) {
             let channel_id = match channels.get(&topic) {
                 Some(known) => *known,
                 None => {
@@ -121,10 +114,9 @@ impl Lines {
             writer.write_to_known_channel(&header, &text).map_err(broken)?;
         }
         writer.finish().map_err(broken)?;
-        drop(writer);
-        file.write_all(bytes.get_ref())?;
-        file.commit()?;
-        Ok(true)
+        writer.into_inner().commit()?;
+        written.files.insert(name, None);
+        Ok(())
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::config::HubConfig;
 use crate::config::settings::forward::WORK;
-use crate::service::forward::beat;
+use crate::service::forward::beat::Heartbeat;
 use crate::service::forward::link::{Link, LinkError};
 use crate::service::hub::centre::Position;
 use crate::service::hub::feed;
@@ -13,7 +13,7 @@ use serde_json::json;
 use std::time::{Duration, Instant};
 
 /// Stream with the samples.
-pub const STREAM: &str = "TIRANTE_RAW";
+const STREAM: &str = "TIRANTE_RAW";
 /// Subject of a site, without its name.
 pub const RAW: &str = "tirante.v1.raw";
 
@@ -28,8 +28,6 @@ const SAMPLES: Lasting = Lasting {
 /// Most messages taken at once, and their bytes.
 const MOST: usize = 256;
 const BYTES: usize = 16 << 20;
-/// Longest time for the post to take a heartbeat.
-const BEAT: Duration = Duration::from_secs(2);
 
 /// Reading end of a site's subject.
 pub struct Raw {
@@ -115,29 +113,12 @@ impl Raw {
         Ok(found)
     }
 
-    /// Place up to which messages were taken.
-    pub fn position(&self) -> Position {
-        self.position
-    }
-
-    /// Says that the site lives.
+    /// Sends a heartbeat of the site.
     ///
     /// # Errors
     /// The post does not take it.
-    pub async fn beat(&self, payload: Vec<u8>) -> Result<(), LinkError> {
-        let subject = format!("{}.{}", beat::SUBJECT, self.site);
-        let send = async {
-            let sent = self.link.jetstream.publish(subject.clone(), payload.into()).await;
-            match sent {
-                Ok(sent) => sent.await.map(|_| ()),
-                Err(error) => Err(error),
-            }
-        };
-        match tokio::time::timeout(BEAT, send).await {
-            Ok(Ok(())) => Ok(()),
-            Ok(Err(error)) => Err(self.link.failed(&subject, &error)),
-            Err(elapsed) => Err(self.link.failed(&subject, &elapsed)),
-        }
+    pub async fn beat(&self, beat: &Heartbeat) -> Result<(), LinkError> {
+        beat.send(&self.link, &self.site).await
     }
 
     async fn ask(&self, question: &serde_json::Value) -> Result<Option<Incoming>, LinkError> {

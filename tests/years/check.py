@@ -47,6 +47,16 @@ def memories():
     check("memory falls to 1/e in its time", abs(share - math.exp(-1)) < 0.07, f"({share:.3f})")
 
 
+def spells():
+    way = scenario.Rod(spell_factor=4.0)
+    days = np.arange(40000.0)
+    share = weather.spells(np.random.default_rng(2), way, days).mean()
+    wanted = way.spell_days / (way.spell_days + way.calm_days)
+    # Some 1700 spells: their share is known to 3 %.
+    check("spells take their share of the days", abs(share / wanted - 1) < 0.1, f"({share:.3f}, wanted {wanted:.3f})")
+    check("a rod without spells has none", not weather.spells(None, scenario.Rod(), days).any())
+
+
 def lags():
     air = weather.Air(series.stream(7, "check", 2), 60, 100)
     check("air is where Italy's is", 0 < air.celsius.mean() < 26 and 3 < air.celsius.std() < 12)
@@ -107,6 +117,7 @@ FROZEN = 2.8241530
 def main():
     frequencies()
     memories()
+    spells()
     lags()
     thermometers()
     forces()

@@ -34,6 +34,10 @@ class Rod:
     phase: float = 0.0
     outliers: float = 0.0
     outlier_sd: float = 0.03
+    # Spells of some days in which the white part is so many times as large; days from the end of one to the next, in the mean.
+    spell_factor: float = 1.0
+    spell_days: float = 3.0
+    calm_days: float = 20.0
     # A line beside mode 2: share of records with it, its distance from f2, how far it draws the peak.
     line: float = 0.0
     line_offset: float = 0.0
@@ -186,6 +190,15 @@ def base(name, rng, count):
         make = lambda r: replace(quiet(r), season=0.003, phase=uniform(r, 0.0, 2 * np.pi))
     elif name == "outl":
         make = lambda r: replace(quiet(r), outliers=0.02)
+    elif name in ("spells", "spellsfull"):
+        # Storms, or works beside the rod: three days of noise 2.5 to 5 times as large, about twice a month.
+        still = quiet if name == "spells" else restrained
+        make = lambda r: replace(still(r), spell_factor=even_in_log(r, 2.5, 5.0))
+    elif name == "spellsrare":
+        # Of any length and size, a few times a year.
+        make = lambda r: replace(
+            quiet(r), spell_factor=even_in_log(r, 2.0, 8.0), spell_days=even_in_log(r, 1.0, 10.0), calm_days=90.0
+        )
     elif name in ("stuck", "thdrift", "offset", "dead"):
         site["fault"] = ("drift" if name == "thdrift" else name, FAULT_DAY)
     elif name in ("jump", "jumpfull"):
@@ -227,7 +240,7 @@ def base(name, rng, count):
 
 
 BASES = (
-    "benign full daily15h masonry8 masonry30 ar5 ar20 harsh winter season outl stuck thdrift offset dead none nonefull twoaweek many "
+    "benign full daily15h masonry8 masonry30 ar5 ar20 harsh winter season outl spells spellsfull spellsrare stuck thdrift offset dead none nonefull twoaweek many "
     "jump jumpfull fahrenheit fahrenheitfull hourly hourlyfull line linestrong held held2"
 ).split()
 

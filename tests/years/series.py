@@ -149,7 +149,8 @@ class Site:
         fast, slow = np.interp(days, hours, fast), np.interp(days, hours, slow)
         own = weather.memory(rng, 1.0, way.memory_days * weather.HOURS, (len(hours),))
         both = math.sqrt(world.common) * common + math.sqrt(1 - world.common) * own
-        noise = way.white * rng.standard_normal(len(days)) + way.memory_sd * np.interp(days, hours, both)
+        white = way.white * np.where(weather.spells(rng, way, days), way.spell_factor, 1.0)
+        noise = white * rng.standard_normal(len(days)) + way.memory_sd * np.interp(days, hours, both)
         noise += way.season * np.cos(2 * math.pi * days / 365.25 + way.phase)
         wild = rng.random(len(days)) < way.outliers
         noise += wild * way.outlier_sd * rng.standard_normal(len(days))

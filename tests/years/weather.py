@@ -53,6 +53,19 @@ class Air:
         return series
 
 
+def spells(rng, way, days):
+    """Whether each time [days] is in one of a rod's spells of larger noise; calms are exponential, spells half to one and a half times as long."""
+    inside = np.zeros(len(days), dtype=bool)
+    if way.spell_factor == 1.0:
+        return inside
+    at = float(rng.exponential(way.calm_days))
+    while len(days) and at < days[-1]:
+        end = at + way.spell_days * float(rng.uniform(0.5, 1.5))
+        inside |= (days >= at) & (days < end)
+        at = end + float(rng.exponential(way.calm_days))
+    return inside
+
+
 def readings(air, days, rng, fault=None):
     """What a thermometer with 0.1 K noise and digits of 0.1 K says at these times [days]: (times, degC).
 

@@ -2,7 +2,7 @@
 //! record.
 //!
 //! ```text
-//! N / N_c = 1 + b (L - T_c) + m (M - T_c) + cycle + fluctuation + outlier + change
+//! N / N_c = 1 + b (L - T_c) + m (M - T_c) + cycle + fluctuation + outlier + spell + change
 //! ```
 //!
 //! with the air T followed by the rod, L, within hours and by the masonry, M, within weeks. T is a mean of 13 degC, a season,
@@ -36,6 +36,8 @@ const OFFSET_K: f64 = 2.0;
 /// Standard deviation of an outlier, and of the curvature \[1/K^2\].
 const OUTLIER: f64 = 0.03;
 const CURVATURE_PER_K2: f64 = 1e-5;
+/// Probability that a spell of larger noise begins on a day, and that one goes on.
+const SPELL: [f64; 2] = [0.05, 2.0 / 3.0];
 /// Shift of ln f of the second mode by a line beside it.
 const LINE_SHIFT: f64 = 0.001;
 /// First day of records in winter: the middle of November.
@@ -189,6 +191,7 @@ impl SiteYears {
             let curvature = CURVATURE_PER_K2 * normal(generator);
             let phase = even(generator, 0.0, TAU);
             let mut own = normal(generator);
+            let mut in_spell = false;
             (0..days)
                 .map(|index| {
                     let jitter = even(generator, -RECORD_JITTER_H, RECORD_JITTER_H);
@@ -201,6 +204,12 @@ impl SiteYears {
                     } else {
                         0.0
                     };
+                    // Worlds without spells draw nothing for them.
+                    let mut spell = 0.0;
+                    if world.spells > 0.0 {
+                        in_spell = happens(generator, SPELL[usize::from(in_spell)]);
+                        spell = f64::from(u8::from(in_spell)) * world.spells * normal(generator);
+                    }
                     let line = if happens(generator, world.interference) {
                         LINE_SHIFT
                     } else {
@@ -221,6 +230,7 @@ impl SiteYears {
                             + world.cycle * libm::sin(TAU * day / YEAR_D + phase)
                             + fluctuation
                             + outlier
+                            + spell
                             + change,
                         change,
                         line,

@@ -58,6 +58,8 @@ pub struct World {
     pub cycle: f64,
     /// Share of records with an outlying force, of a standard deviation of 3 %.
     pub outliers: f64,
+    /// Standard deviation of what spells of a few days add to each record of a rod, twice a month or so.
+    pub spells: f64,
     /// Share of records whose second mode is pulled towards a line.
     pub interference: f64,
     /// True if records begin in the middle of November; else on any day of the year.
@@ -80,13 +82,14 @@ const BENIGN: World = World {
     memory_d: 5.0,
     cycle: 0.0,
     outliers: 0.0,
+    spells: 0.0,
     interference: 0.0,
     is_winter: false,
 };
 
 impl World {
     /// Names of the worlds.
-    pub const NAMES: [&'static str; 17] = [
+    pub const NAMES: [&'static str; 18] = [
         "benign",
         "restrained",
         "sparse",
@@ -98,6 +101,7 @@ impl World {
         "winter",
         "cycle",
         "outliers",
+        "spells",
         "interference",
         "stuck-thermometer",
         "drifting-thermometer",
@@ -163,6 +167,10 @@ impl World {
                 outliers: 0.02,
                 ..BENIGN
             },
+            "spells" => Self {
+                spells: 0.008,
+                ..BENIGN
+            },
             "interference" => Self {
                 interference: 1.0 / 3.0,
                 ..BENIGN
@@ -208,6 +216,9 @@ impl World {
         world.missing = even(generator, 0.0, 0.25);
         world.rejected = even(generator, 0.0, 0.1);
         world.is_winter = happens(generator, 0.3);
+        if happens(generator, 0.2) {
+            world.spells = even(generator, 0.003, 0.012);
+        }
         world
     }
 }

@@ -12,20 +12,22 @@
 //! ```
 //!
 //! with U the covariance of the filters' errors by what the temperature did since its last reading (`unread.rs`; zero where they are dense):
-//! y has Student's t law with 2 alpha degrees of freedom, S = R + q / sigma^2 + H P H' and scale^2 = S beta / alpha. Two more terms
-//! keep wild readings and sudden weather from being learned as something else:
+//! y has Student's t law with 2 alpha degrees of freedom, S = R + q / sigma^2 + H P H' and scale^2 = S beta / alpha. Three more terms
+//! keep wild readings, sudden weather and spells of larger noise from being learned as something else, with the probability w of such a
+//! spell (`spells.rs`):
 //!
 //! ```text
-//! p(y) = (1 - 0.01 - k) t(e; S) + 0.01 t_3(e; 0.06^2 + 9 S) + k t(e; S + 24 r (1 - f^2))
+//! p(y) = 0.01 t_3(e; 0.06^2 + 9 S) + (1 - w) ((0.99 - k) t(e; S) + k t(e; S + 24 r (1 - f^2))) + 0.99 w t_3(e; S + 5 R)
 //! ```
 //!
 
 use super::block::{Block, LANES, Lanes, Step, Sums, Workspace};
-use super::densities::{KICK, WILD, WILD_SD, WILD_SHAPE, WILD_WIDER};
+use super::densities::{KICK, WILD, WILD_SD, WILD_SHAPE, WILD_WIDER, rougher};
 use super::member::{Member, Placed};
 use super::passage::Passage;
 use super::prior::BankPrior;
 use super::row::{COLUMNS, Law, Row};
+use super::spells::FREEDOM;
 use super::unread::Covariance;
 use crate::numerics::simd::{Kernel, vectorised};
 use rand::{Rng, RngExt};
@@ -210,9 +212,12 @@ impl Bank {
         let (error, total) = (ahead.error[lane], ahead.total[lane]);
         let (scale2, shape) = (block.scale2()[lane], block.shape[lane]);
         let term: f64 = generator.random();
+        let calm_from = WILD + (1.0 - WILD) * block.spells.rough()[lane];
         let (scale2, shape) = if term < WILD {
             (WILD_SD * WILD_SD + WILD_WIDER * total * scale2, WILD_SHAPE)
-        } else if term < WILD + prior.kick {
+        } else if term < calm_from {
+            (rougher(total, row.error) * scale2, 0.5 * FREEDOM)
+        } else if term < calm_from + (1.0 - block.spells.rough()[lane]) * prior.kick {
             let kicked = KICK * passage.of(block.which[lane]).added;
             ((total + kicked) * scale2, shape)
         } else {
@@ -223,7 +228,7 @@ impl Bank {
         Some(row.ratio - error + normal * (scale2 / divisor).sqrt())
     }
 
-    /// Predictive law of the usual term at the time the bank was advanced to.
+    /// Predictive law, calm or rough, at the time the bank was advanced to; wild readings and jumps are left out.
     pub fn law(&self, row: &Row) -> Law {
         let (mut sums, mut of_coefficients) = (Sums::default(), [0.0; LANES]);
         vectorised(Predict {
@@ -243,12 +248,20 @@ impl Bank {
     }
 
     /// Adds the law of x'b + e over the columns to sums over a mixture in which the bank has a share: var e = sigma^2 `own`, by the index
-    /// of a member, and `unread`.
-    pub fn add_columns(&self, x: &[f64], own: &[f64], unread: f64, share: f64, sums: &mut Sums) {
+    /// of a member, `white` as the last period was calm or rough, and `unread`.
+    pub fn add_columns(
+        &self,
+        x: &[f64],
+        own: &[f64],
+        [white, unread]: [f64; 2],
+        share: f64,
+        sums: &mut Sums,
+    ) {
         vectorised(Columns {
             blocks: &self.blocks,
             x,
             own,
+            white,
             unread,
             share,
             sums,
@@ -350,6 +363,7 @@ struct Columns<'a> {
     blocks: &'a [Block],
     x: &'a [f64],
     own: &'a [f64],
+    white: f64,
     unread: f64,
     share: f64,
     sums: &'a mut Sums,
@@ -360,8 +374,11 @@ impl Kernel for Columns<'_> {
     fn run(self) {
         for block in self.blocks {
             let scale2 = block.scale2();
-            let own =
-                std::array::from_fn(|l| self.own[usize::from(block.which[l])] + self.unread / scale2[l]);
+            let noise = block.spells.noise();
+            let own = std::array::from_fn(|l| {
+                let white = self.white * noise[l];
+                self.own[usize::from(block.which[l])] + white + self.unread / scale2[l]
+            });
             block.add_columns(self.x, &own, self.share, self.sums);
         }
     }

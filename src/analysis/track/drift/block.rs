@@ -2,10 +2,11 @@
 //!
 //! Where members are fewer than the lanes, the last one is repeated without weight.
 
-use super::densities::{Gammas, KICK, Spreads, WILD, raise};
+use super::densities::{Gammas, KICK, Spreads, WILD, raise, rougher};
 use super::member::{Member, place};
 use super::passage::{Decay, Passage};
 use super::row::{COLUMNS, Row};
+use super::spells::{FREEDOM, ROUGHER, Spells};
 
 /// Members side by side.
 pub(super) const LANES: usize = 4;
@@ -19,6 +20,7 @@ pub(super) struct Block {
     pub weight: Lanes,
     pub shape: Lanes,
     pub rate: Lanes,
+    pub spells: Spells,
     width: usize,
     /// Means, then covariances.
     state: Vec<Lanes>,
@@ -68,6 +70,7 @@ impl Block {
             weight: std::array::from_fn(|l| members.get(l).map_or(0.0, |member| member.weight)),
             shape: of(|member| member.shape),
             rate: of(|member| member.rate),
+            spells: Spells::new(lanes.map(|l| members[l].spell)),
             width,
             state,
         }
@@ -88,6 +91,7 @@ impl Block {
             weight: std::array::from_fn(|l| members.get(l).map_or(0.0, |(block, lane)| block.weight[*lane])),
             shape: lanes.map(|(block, lane)| block.shape[lane]),
             rate: lanes.map(|(block, lane)| block.rate[lane]),
+            spells: Spells::new(lanes.map(|(block, lane)| block.spells.of(lane))),
             width: first.width,
             state,
         }
@@ -139,9 +143,10 @@ impl Block {
         std::array::from_fn(|l| self.rate[l] / (self.shape[l] - 1.0))
     }
 
-    /// Lets the fluctuations decay.
+    /// Lets the fluctuations decay, and spells of larger noise begin and end.
     #[inline(always)]
     pub fn advance(&mut self, passage: &Passage) {
+        self.spells.advance(passage.spell_goes_on, &self.shape);
         let width = self.width;
         let (slow, fast) = (width - 2, width - 1);
         let decays = self.which.map(|which| passage.of(which));
@@ -187,23 +192,36 @@ impl Block {
     }
 
     #[inline(always)]
-    fn spreads(&self, total: &Lanes, passage: &Passage) -> Spreads {
-        Spreads::new(total, &self.kicked(passage), &self.scale2(), &self.shape)
+    fn spreads(&self, total: &Lanes, step: &Step) -> Spreads {
+        Spreads::new(
+            total,
+            step.row.error,
+            &self.kicked(step.passage),
+            &self.scale2(),
+            &self.shape,
+        )
     }
 
     /// Learns a row from its prediction, its P H' = `along` and its densities after the passage to it; weights become p(y, member).
     #[inline(always)]
-    fn learn(&mut self, step: &Step, mut ahead: Ahead, along: &mut [Lanes], densities: &[Lanes; 3]) {
-        let (mut is_kicked, mut learns) = ([0.0; LANES], [1.0; LANES]);
+    fn learn(&mut self, step: &Step, mut ahead: Ahead, along: &mut [Lanes], densities: &[Lanes; 4]) {
+        let (mut is_kicked, mut learns, mut is_rough) = ([0.0; LANES], [1.0; LANES], [0.0; LANES]);
+        let expected = self.spells.rough();
         for l in 0..LANES {
             let usual = (1.0 - WILD - step.kick) * densities[0][l];
             let wild = WILD * densities[1][l];
             let jump = step.kick * densities[2][l];
-            self.weight[l] *= usual + wild + jump;
-            if jump > usual && jump > wild {
+            let rough = (1.0 - WILD) * densities[3][l];
+            self.spells.learn(l, [usual + jump + wild, rough + wild]);
+            let calm = 1.0 - expected[l];
+            let (usual, jump, rough) = (calm * usual, calm * jump, expected[l] * rough);
+            self.weight[l] *= usual + wild + jump + rough;
+            if jump > usual + rough && jump > wild {
                 is_kicked[l] = 1.0;
-            } else if wild > usual {
+            } else if wild > usual + rough {
                 learns[l] = 0.0;
+            } else {
+                is_rough[l] = rough / (usual + rough);
             }
         }
         if is_kicked != [0.0; LANES] {
@@ -216,9 +234,20 @@ impl Block {
             ahead = self.ahead(step.row, along);
         }
         // A lane whose reading is wild has no gain: it stays as it is.
-        let mut share = [0.0; LANES];
+        let (mut share, mut narrows) = ([0.0; LANES], [0.0; LANES]);
+        let scale2 = self.scale2();
         for l in 0..LANES {
-            share[l] = learns[l] / ahead.total[l];
+            let square = ahead.error[l] * ahead.error[l] / scale2[l];
+            let usual = learns[l] / ahead.total[l];
+            // Given that it is rough, its noise has the scale that Student's law expects of such an error.
+            let own = step.row.error;
+            let beyond = square / rougher(ahead.total[l], own);
+            let noise = ROUGHER * own * (FREEDOM + beyond) / (FREEDOM + 1.0);
+            let rough = learns[l] / (ahead.total[l] - own + noise);
+            share[l] = usual + is_rough[l] * (rough - usual);
+            // The means of both differ.
+            let apart = is_rough[l] * (1.0 - is_rough[l]) * square * (usual - rough) * (usual - rough);
+            narrows[l] = (share[l] - apart).max(0.0);
         }
         let gain: Lanes = std::array::from_fn(|l| ahead.error[l] * share[l]);
         for (mean, along) in self.state[..self.width].iter_mut().zip(along.iter()) {
@@ -226,7 +255,7 @@ impl Block {
                 mean[l] += along[l] * gain[l];
             }
         }
-        self.narrow_by(&share, along);
+        self.narrow_by(&narrows, along);
         for l in 0..LANES {
             self.rate[l] += 0.5 * ahead.error[l] * gain[l];
             self.shape[l] += 0.5 * learns[l];
@@ -266,9 +295,11 @@ impl Block {
         let ahead = self.ahead(row, along);
         let noise = self.noise();
         let quadratic = self.quadratic(&row.x, 0..self.width - 2);
+        let own = self.spells.noise();
         for l in 0..LANES {
             let location = row.ratio - ahead.error[l];
-            sums.add(l, self.weight[l], location, noise[l] * ahead.total[l]);
+            let total = ahead.total[l] + (own[l] - 1.0) * row.error;
+            sums.add(l, self.weight[l], location, noise[l] * total);
             of_coefficients[l] += self.weight[l] * noise[l] * quadratic[l];
         }
     }
@@ -327,14 +358,14 @@ impl Step<'_> {
         powers.clear();
         for (block, along) in blocks.iter().zip(along.chunks_exact_mut(width)) {
             let found = block.ahead(self.row, along);
-            powers.push(block.spreads(&found.total, self.passage).offs(&found.error));
+            powers.push(block.spreads(&found.total, self).offs(&found.error));
             ahead.push(found);
         }
         raise(powers, blocks.iter().map(|block| block.shape));
         let found = ahead.iter().zip(powers.iter()).zip(along.chunks_exact_mut(width));
         for (block, ((ahead, powers), along)) in blocks.iter_mut().zip(found) {
             let gammas = block.shape.map(|shape| gammas.ratio(shape));
-            let spreads = block.spreads(&ahead.total, self.passage);
+            let spreads = block.spreads(&ahead.total, self);
             let densities = spreads.densities(&ahead.error, powers, &gammas);
             block.learn(self, *ahead, along, &densities);
         }

@@ -1,6 +1,7 @@
-//! Predictive densities of a member at a reading: as usual, wild, after a jump of its fluctuation.
+//! Predictive densities of a member at a reading: as usual, wild, after a jump of its fluctuation, in a spell of larger noise.
 
 use super::block::{LANES, Lanes};
+use super::spells::{FREEDOM, ROUGHER};
 use crate::numerics::exp::{exp, ln_1p};
 use std::f64::consts::PI;
 
@@ -12,23 +13,26 @@ pub(super) const WILD_SHAPE: f64 = 1.5;
 /// Growth of the fluctuation's variance in a jump, in the variance a period adds.
 pub(super) const KICK: f64 = 24.0;
 
-/// Squared scales of the three laws of a reading, times their degrees of freedom; of members side by side.
+/// Squared scales of the four laws of a reading, times their degrees of freedom; of members side by side.
 pub(super) struct Spreads {
     usual: Lanes,
     kick: Lanes,
     wild: Lanes,
+    rough: Lanes,
 }
 
 impl Spreads {
-    /// Of Student's laws with 2 `shape` degrees of freedom, that of a wild reading with three; `kicked` is the variance that a jump adds.
+    /// Of Student's laws with 2 `shape` degrees of freedom, those of wild and rough readings with three; `kicked` is the variance that a jump adds, `own`
+    /// that of the reading's usual noise.
     #[inline(always)]
-    pub fn new(total: &Lanes, kicked: &Lanes, scale2: &Lanes, shape: &Lanes) -> Self {
+    pub fn new(total: &Lanes, own: f64, kicked: &Lanes, scale2: &Lanes, shape: &Lanes) -> Self {
         let of = |total: f64, l: usize| 2.0 * shape[l] * total * scale2[l];
         Self {
             usual: std::array::from_fn(|l| of(total[l], l)),
             // The same where a jump adds nothing.
             kick: std::array::from_fn(|l| of(total[l] + kicked[l], l)),
             wild: std::array::from_fn(|l| 3.0 * (WILD_SD * WILD_SD + WILD_WIDER * total[l] * scale2[l])),
+            rough: std::array::from_fn(|l| FREEDOM * rougher(total[l], own) * scale2[l]),
         }
     }
 
@@ -38,22 +42,31 @@ impl Spreads {
         [&self.usual, &self.kick].map(|spread| std::array::from_fn(|l| error[l] * error[l] / spread[l]))
     }
 
-    /// Densities of the usual, the wild and the kicked law; `powers` as [`Spreads::offs`] says, `gammas` as [`Gammas::ratio`].
+    /// Densities of the usual, the wild, the kicked and the rough law; `powers` as [`Spreads::offs`] says, `gammas` as [`Gammas::ratio`].
     #[inline(always)]
-    pub fn densities(&self, error: &Lanes, powers: &[Lanes; 2], gammas: &Lanes) -> [Lanes; 3] {
+    pub fn densities(&self, error: &Lanes, powers: &[Lanes; 2], gammas: &Lanes) -> [Lanes; 4] {
         let student = |spread: &Lanes, power: &Lanes| -> Lanes {
             std::array::from_fn(|l| gammas[l] / (PI * spread[l]).sqrt() * power[l])
         };
-        let wild = std::array::from_fn(|l| {
-            let beyond = 1.0 + error[l] * error[l] / self.wild[l];
-            2.0 / (PI * self.wild[l].sqrt() * beyond * beyond)
-        });
+        let of_three = |spread: &Lanes| -> Lanes {
+            std::array::from_fn(|l| {
+                let beyond = 1.0 + error[l] * error[l] / spread[l];
+                2.0 / (PI * spread[l].sqrt() * beyond * beyond)
+            })
+        };
         [
             student(&self.usual, &powers[0]),
-            wild,
+            of_three(&self.wild),
             student(&self.kick, &powers[1]),
+            of_three(&self.rough),
         ]
     }
+}
+
+/// Square of the scale of a rough reading, in noise variances: `own` of the usual one is that of its noise.
+#[inline(always)]
+pub(super) fn rougher(total: f64, own: f64) -> f64 {
+    total + (ROUGHER - 1.0) * own
 }
 
 /// Puts (1 + z)^-(`shape` + 1/2) in the place of each z.

@@ -18,7 +18,7 @@ impl Detector {
     /// c = (y - y_0) - (X - X_0) b,    var c = q + sigma^2 (R + r + r2 + x'P x + (1 + r s(tau) + r2 s(tau2)) / level)
     /// ```
     ///
-    /// averaged over the members of the null bank and of the onset particles, with the odds of one onset in `limit` periods, and of a ramp
+    /// with R as in a calm or a rough period, as the last one was, averaged over the members of the null bank and of the onset particles, with the odds of one onset in `limit` periods, and of a ramp
     /// that goes on since before the first period: a change must not be learned as something the columns do. The fluctuation counts with its whole variance: what lasts for
     /// days only is no change. `None` for a period that cannot be used.
     pub fn change_from_level(
@@ -39,10 +39,10 @@ impl Detector {
             .iter()
             .map(|fluctuation| {
                 let level = periods.recip() + averaged(fluctuation, span_d);
-                row.error + fluctuation.variance + fluctuation.slow_variance + level
+                fluctuation.variance + fluctuation.slow_variance + level
             })
             .collect();
-        let (mean, sd) = self.average(limit, &along, &levels, row.unread);
+        let (mean, sd) = self.average(limit, &along, &levels, [row.error, row.unread]);
         Some((seen.ratio - mean, sd))
     }
 
@@ -52,12 +52,12 @@ impl Detector {
         let width = self.prior.columns.len() + 4;
         let mut along = vec![0.0; width];
         along[COLUMNS..COLUMNS + filters.min(self.prior.columns.len())].fill(1.0);
-        self.average(limit, &along, &vec![0.0; self.prior.members.len()], 0.0)
+        self.average(limit, &along, &vec![0.0; self.prior.members.len()], [0.0; 2])
     }
 
     /// Mean of x'b over the columns and the standard deviation of x'b + e, over null bank, standing ramp and onset particles; var e = sigma^2 `own`, by
-    /// the index of a member, and `unread`.
-    fn average(&self, limit: f64, x: &[f64], own: &[f64], unread: f64) -> (f64, f64) {
+    /// the index of a member, and `noise`, white and unread.
+    fn average(&self, limit: f64, x: &[f64], own: &[f64], noise: [f64; 2]) -> (f64, f64) {
         let null = libm::log(limit.max(1.0));
         let changes = self.particles.iter().chain(&self.standing);
         let changes = changes.map(|particle| (&particle.bank, particle.ln_part()));
@@ -67,7 +67,7 @@ impl Detector {
             .map(|(bank, weight)| (bank, libm::exp(weight - whole)))
             .filter(|(_, share)| *share > NEGLIGIBLE);
         let mut sums = Sums::default();
-        banks.for_each(|(bank, share)| bank.add_columns(x, own, unread, share, &mut sums));
+        banks.for_each(|(bank, share)| bank.add_columns(x, own, noise, share, &mut sums));
         let [weight, mean, square, variance] =
             [sums.weight, sums.mean, sums.square, sums.variance].map(total);
         let mean = mean / weight;

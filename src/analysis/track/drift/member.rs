@@ -2,6 +2,7 @@
 
 use super::block::{Block, Lanes};
 use super::prior::BankPrior;
+use super::spells::Spell;
 use serde::{Deserialize, Serialize, Serializer};
 
 /// Shape of the prior law of the noise variance: four degrees of freedom; its mean is 2 s0^2.
@@ -17,6 +18,7 @@ pub(super) struct Member {
     /// alpha and beta of the noise variance's inverse gamma law.
     pub shape: f64,
     pub rate: f64,
+    pub spell: Spell,
     /// Mean of the state: change, intercept, columns, slow fluctuation, fluctuation.
     pub mean: Vec<f64>,
     /// Covariance over the noise variance: upper triangle by rows.
@@ -44,6 +46,7 @@ impl Member {
             weight: fluctuation.probability,
             shape: SHAPE,
             rate: 2.0 * (SHAPE - 1.0) * noise,
+            spell: Spell::new(prior.spells),
             mean,
             cov,
         }
@@ -57,6 +60,7 @@ pub(super) struct Placed<'a> {
     weight: f64,
     shape: f64,
     rate: f64,
+    spell: Spell,
     mean: Lane<'a>,
     cov: Lane<'a>,
 }
@@ -69,6 +73,7 @@ impl<'a> Placed<'a> {
             weight: block.weight[lane],
             shape: block.shape[lane],
             rate: block.rate[lane],
+            spell: block.spells.of(lane),
             mean: Lane(block.mean(), lane),
             cov: Lane(block.covs(), lane),
         }

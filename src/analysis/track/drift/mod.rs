@@ -6,6 +6,7 @@
 //! * `member`       one conjugate filter, as it begins and as it is kept
 //! * `block`        some of them side by side: their prediction and their step
 //! * `densities`    its predictive densities of a reading
+//! * `spells`       days on which readings are worse than others
 //! * [`bank`]       filters side by side, their predictive law
 //! * [`detector`]   onset particles and R
 //! * `level`        change of a period from the level of commissioning
@@ -43,6 +44,7 @@ pub mod period;
 pub mod prior;
 pub mod regressors;
 pub mod row;
+mod spells;
 #[cfg(test)]
 mod stand_in;
 #[cfg(test)]

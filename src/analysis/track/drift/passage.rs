@@ -1,6 +1,7 @@
 //! Passage of time from one period to the next: how far fluctuations decay.
 
 use super::prior::{BankPrior, Fluctuation};
+use super::spells;
 
 /// Decay of a member's fluctuations from one period to the next.
 #[derive(Debug, Clone, Copy)]
@@ -16,6 +17,8 @@ pub(super) struct Decay {
 #[derive(Debug, Clone)]
 pub(super) struct Passage {
     pub day: f64,
+    /// Probability that a spell of larger noise goes on.
+    pub spell_goes_on: f64,
     decays: Vec<Decay>,
 }
 
@@ -49,6 +52,7 @@ impl Passage {
         };
         Self {
             day: last.map_or(day, |last| last.max(day)),
+            spell_goes_on: spells::goes_on(gap),
             decays: prior.members.iter().map(decay).collect(),
         }
     }

@@ -3,6 +3,7 @@
 //!
 //! All standard deviations are shares of the force (0.01: 1 %), temperatures in K, times in days.
 
+use super::spells;
 use serde::{Deserialize, Serialize};
 
 /// Time constant of the slow fluctuation \[d\].
@@ -71,6 +72,8 @@ pub struct BankPrior {
     pub kick: f64,
     /// Probability that the force changes again in a period after a change.
     pub again: f64,
+    /// Probabilities that spells of larger noise begin never, rarely and often.
+    pub spells: [f64; 3],
 }
 
 /// Prior of the effect of temperature on one rod.
@@ -97,6 +100,7 @@ impl BankPrior {
             members,
             kick,
             again: AGAIN,
+            spells: spells::PRIOR,
         }
     }
 

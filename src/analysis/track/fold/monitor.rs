@@ -251,6 +251,10 @@ fn look_at_leverage(tracker: &mut Tracker, period: &Period, time: Timestamp) {
     if !tracker.state.has_learned(tracker.plan.track.learning_periods) {
         return;
     }
+    // After a change the law of none is wide by the change.
+    if tracker.state.drifts() && !tracker.state.watches.stands(Cause::Unlearned) {
+        return;
+    }
     let (blind, sees) = BLIND;
     // An effect not yet learned matters only where it hides a loss as large as the limit.
     let hides = TOLD_SD * charted.expected_sd > tracker.plan.alarm.limit_loss;

@@ -11,7 +11,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::sync::{Arc, Weak};
 
 /// Version of the layout, changed whenever a packed field is added, removed or moved.
-const LAYOUT: &str = "11:";
+const LAYOUT: &str = "12:";
 
 /// An optional value that is packed in text formats. Its copies share it until one of them changes.
 #[derive(Debug, Clone, PartialEq)]

@@ -27,6 +27,7 @@ fn single() -> BankPrior {
         }],
         kick: 0.002,
         again: 0.0,
+        spells: [1.0, 0.0, 0.0],
     }
 }
 

@@ -8,7 +8,7 @@
 //! ```
 //!
 //! and then Bayes' rule by the densities of the reading. A rough reading has Student's t law with three degrees of freedom about the
-//! prediction, its noise R six times as large: some 1.5 to 8 times the usual standard deviation.
+//! prediction, its noise R six times as large: for noise of two to eight times the usual standard deviation.
 
 use super::block::{LANES, Lanes};
 use serde::{Deserialize, Serialize};

@@ -212,12 +212,13 @@ impl Bank {
         let (error, total) = (ahead.error[lane], ahead.total[lane]);
         let (scale2, shape) = (block.scale2()[lane], block.shape[lane]);
         let term: f64 = generator.random();
-        let calm_from = WILD + (1.0 - WILD) * block.spells.rough()[lane];
+        let rough = block.spells.rough()[lane];
+        let calm_from = WILD + (1.0 - WILD) * rough;
         let (scale2, shape) = if term < WILD {
             (WILD_SD * WILD_SD + WILD_WIDER * total * scale2, WILD_SHAPE)
         } else if term < calm_from {
             (rougher(total, row.error) * scale2, 0.5 * FREEDOM)
-        } else if term < calm_from + (1.0 - block.spells.rough()[lane]) * prior.kick {
+        } else if term < calm_from + (1.0 - rough) * prior.kick {
             let kicked = KICK * passage.of(block.which[lane]).added;
             ((total + kicked) * scale2, shape)
         } else {

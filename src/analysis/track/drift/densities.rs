@@ -22,8 +22,8 @@ pub(super) struct Spreads {
 }
 
 impl Spreads {
-    /// Of Student's laws with 2 `shape` degrees of freedom, those of wild and rough readings with three; `kicked` is the variance that a jump adds, `own`
-    /// that of the reading's usual noise.
+    /// Of Student's laws with 2 `shape` degrees of freedom, those of wild and rough readings with three; `own` is the variance of the reading's
+    /// usual noise, `kicked` that which a jump adds.
     #[inline(always)]
     pub fn new(total: &Lanes, own: f64, kicked: &Lanes, scale2: &Lanes, shape: &Lanes) -> Self {
         let of = |total: f64, l: usize| 2.0 * shape[l] * total * scale2[l];

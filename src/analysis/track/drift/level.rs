@@ -18,8 +18,8 @@ impl Detector {
     /// c = (y - y_0) - (X - X_0) b,    var c = q + sigma^2 (R + r + r2 + x'P x + (1 + r s(tau) + r2 s(tau2)) / level)
     /// ```
     ///
-    /// with R as in a calm or a rough period, as the last one was, averaged over the members of the null bank and of the onset particles, with the odds of one onset in `limit` periods, and of a ramp
-    /// that goes on since before the first period: a change must not be learned as something the columns do. The fluctuation counts with its whole variance: what lasts for
+    /// with R as the last period was calm or rough, averaged over the members of the null bank and of the onset particles, with the odds of
+    /// one onset in `limit` periods, and of a ramp that goes on since before the first period: a change must not be learned as something the columns do. The fluctuation counts with its whole variance: what lasts for
     /// days only is no change. `None` for a period that cannot be used.
     pub fn change_from_level(
         &self,

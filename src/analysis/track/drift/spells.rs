@@ -8,7 +8,7 @@
 //! ```
 //!
 //! and then Bayes' rule by the densities of the reading. A rough reading has Student's t law with three degrees of freedom about the
-//! prediction, its noise R six times as large: for noise of two to eight times the usual standard deviation.
+//! prediction, its noise R fourteen times as large: for noise of two to eight times the usual standard deviation.
 
 use super::block::{LANES, Lanes};
 use serde::{Deserialize, Serialize};
@@ -22,7 +22,7 @@ pub(super) const PRIOR: [f64; 3] = [0.82, 0.1, 0.08];
 /// Half the degrees of freedom of the noise beyond which periods may be rough: from the fourth on, when something is known of the usual.
 const LEARNED: f64 = 3.0;
 /// Square of the scale of rough readings' noise, in usual ones, and degrees of freedom of their law.
-pub(super) const ROUGHER: f64 = 6.0;
+pub(super) const ROUGHER: f64 = 14.0;
 pub(super) const FREEDOM: f64 = 3.0;
 
 /// Probability that a spell goes on after a gap \[d\].

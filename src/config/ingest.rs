@@ -108,6 +108,7 @@ pub(super) fn read(table: &mut Table<'_>) -> IngestSettings {
         subfolders,
         settle_s,
         join_s,
+        readings_s: default.readings_s,
         listen,
         tls: tls.flatten(),
         clients: clients as usize,

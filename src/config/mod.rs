@@ -213,7 +213,10 @@ impl Config {
         let track = root.section("track", "How the relative force is followed.", track::read);
         let alarm = root.section("alarm", "When somebody is told.", alarm::read);
         let store = root.section("store", "Where results are kept.", store::read);
-        let ingest = root.section("ingest", "Where live data comes from (`run`).", ingest::read);
+        let ingest = IngestSettings {
+            readings_s: track.reorder_window_s.min(alarm.silence_s / 2.0),
+            ..root.section("ingest", "Where live data comes from (`run`).", ingest::read)
+        };
         let journal = root.section("journal", "Live data on disk (`run`).", journal::read);
         let http = root.section("http", "The daemon's HTTP server (`run`).", http::read);
         let shared = rod::Shared {

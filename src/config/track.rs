@@ -41,7 +41,7 @@ pub(super) fn read(table: &mut Table<'_>) -> TrackSettings {
             ),
         reorder_window_s: HOUR_S
             * table.number(
-                key("reorder_window_h", "how late a record may come and still count in its period [h]"),
+                key("reorder_window_h", "how late a record may come and still count in its period; a file waits as long for readings that come in files of their own, half of alarm.silence_h at most [h]"),
                 Range::within(0.0, 168.0),
                 default.reorder_window_s / HOUR_S,
             ),

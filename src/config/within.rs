@@ -26,6 +26,8 @@ impl Config {
         self.ingest.folder = Some(recordings(folder));
         self.ingest.subfolders = false;
         self.ingest.settle_s = SETTLE_S;
+        // A file is read before the next one comes.
+        self.ingest.readings_s = 0.0;
         self.http.listen = None;
         self
     }

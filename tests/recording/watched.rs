@@ -18,14 +18,19 @@ use tirante::site::store::Reader;
 /// A site whose configuration names a folder to watch, its messages, and what a replay of them all gives.
 fn watched(join_s: f64) -> (Site, Vec<Message<'static>>, String) {
     let (site, messages) = recorded(24, 12.0);
+    let expected = watch(&site, join_s);
+    (site, messages, expected)
+}
+
+/// Has the configuration of a site name a folder to watch; what a replay of its recording gives.
+fn watch(site: &Site, join_s: f64) -> String {
     let operation = format!(
         "\n[store]\npath = \"live.db\"\n[ingest]\nfolder = \"in\"\njoin_s = {join_s:?}\n[http]\nlisten = \"off\"\n"
     );
     let plain = fs::read_to_string(site.path("site.toml")).unwrap();
     fs::write(site.path("site.toml"), plain + &operation).unwrap();
     fs::create_dir(site.path("in")).unwrap();
-    let expected = replayed(&site, &[site.path("whole.mcap")], "whole.db").1;
-    (site, messages, expected)
+    replayed(site, &[site.path("whole.mcap")], "whole.db").1
 }
 
 /// Writes the messages as consecutive files cut at any messages, one of them within a record.
@@ -94,6 +99,74 @@ fn files_of_a_few_messages_give_the_rows_of_the_whole() {
     }
     let _daemon = Daemon::start(&site);
     wait_for_rows(&site, &expected, "six messages a file");
+}
+
+/// A thermometer that writes files of its own: each comes long after the samples that it is for, or long before them.
+#[test]
+fn readings_in_files_of_their_own_are_those_of_their_records() {
+    let (site, messages) = recorded(9, 12.0);
+    let is_reading = |message: &Message<'_>| message.channel.topic == "/air";
+    // Behind the last samples readings go on.
+    let last = messages.iter().filter(|message| !is_reading(message));
+    let last = last.map(|message| message.log_time).max().unwrap();
+    let mut messages = messages;
+    let minute = 60_000_000_000;
+    let reading = messages
+        .iter()
+        .rfind(|message| is_reading(message))
+        .unwrap()
+        .clone();
+    let behind = [1, 2].map(|minutes| Message {
+        log_time: last + minutes * minute,
+        publish_time: last + minutes * minute,
+        ..reading.clone()
+    });
+    messages.extend(behind);
+    write(&site.path("whole.mcap"), messages.iter(), Some(20_000));
+    watch(&site, 0.2);
+    // The slow temperature has means of the readings up to each record in a replay, of all of a file here.
+    let records = |store: &str| {
+        let one = |line: &Value| {
+            ["rod", "start", "rejection", "temperature_c", "relative_force"].map(|key| line[key].to_string())
+        };
+        site.history(store, "records")
+            .iter()
+            .map(one)
+            .collect::<BTreeSet<_>>()
+    };
+    let expected = records("whole.db");
+    let is_used = |record: &&[String; 5]| record[2] == "null";
+    assert!(
+        expected.iter().filter(is_used).all(|record| record[3] != "null"),
+        "{expected:?}"
+    );
+    let start = messages.iter().map(|message| message.log_time).min().unwrap();
+    // Three records a file, of all rods, and the first three after their readings: nothing had come of the thermometer before.
+    let part = |message: &Message<'_>| ((message.log_time - start) / (175 * minute)).min(2);
+    for readings_first in [[true, false, false], [true, true, true]] {
+        let daemon = Daemon::start(&site);
+        for (number, readings_first) in (0..).zip(readings_first) {
+            for readings in [readings_first, !readings_first] {
+                let name = format!("{number}-{readings}.mcap");
+                let mine = messages
+                    .iter()
+                    .filter(|message| part(message) == number && is_reading(message) == readings);
+                write(&site.path(&name), mine, Some(20_000));
+                fs::rename(site.path(&name), site.path("in").join(&name)).unwrap();
+                // Longer than the daemon waits for samples that go on.
+                thread::sleep(Duration::from_secs(3));
+            }
+        }
+        let until = Instant::now() + DEADLINE;
+        while records("live.db") != expected {
+            assert!(Instant::now() < until, "{:?}\n{expected:?}", records("live.db"));
+            thread::sleep(Duration::from_millis(100));
+        }
+        fs::remove_dir_all(site.path("in")).unwrap();
+        fs::create_dir(site.path("in")).unwrap();
+        drop(daemon);
+        forget(&site);
+    }
 }
 
 /// A file whose samples begin before another's end goes on with nothing of it, not with the first temperature behind it either.

@@ -97,6 +97,9 @@ pub struct IngestSettings {
     pub settle_s: f64,
     /// Time for which open samples at the end of a recording wait for the one that goes on there \[s\].
     pub join_s: f64,
+    /// Time for which a finished recording waits for the readings of a thermometer that writes recordings of its own \[s\]: as late as records
+    /// may be, but a rod whose thermometer died must not seem silent.
+    pub readings_s: f64,
     /// Addresses to listen at.
     pub listen: Vec<Listen>,
     /// TLS; required on every TCP socket that is not on loopback.
@@ -116,6 +119,7 @@ impl Default for IngestSettings {
             subfolders: false,
             settle_s: 600.0,
             join_s: 2.0,
+            readings_s: 3600.0,
             listen: Vec::new(),
             tls: None,
             clients: 64,

@@ -45,7 +45,7 @@ pub use self::series::{PartEnd, Parts, Series};
 pub use self::source::{Source, Step};
 pub use self::stream::{Member, Stream};
 pub use self::summary::{Summary, TopicSummary};
-pub use self::tail::{Tail, Tails};
+pub use self::tail::{Tail, TailEnd, Tails};
 pub use self::verify::Trust;
 pub use crate::analysis::signal::record::Event;
 

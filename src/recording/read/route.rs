@@ -140,6 +140,7 @@ impl Router {
                     to: 0,
                     is_begun: false,
                     is_warmed: false,
+                    is_together: false,
                     is_continued: false,
                 }
             })

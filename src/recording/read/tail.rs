@@ -6,12 +6,14 @@ use super::stream::SEAM_NS;
 use super::{Event, Place};
 use crate::analysis::signal::record::{Assembler, RecordSettings, RodChannels, RodId, Timestamp};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 /// Version of the encoding, raised whenever the content of an assembler changes its meaning.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
+/// The version before, without [`Thermometer`].
+const BEFORE: u32 = 1;
 
 /// Samples of a rod that its latest file left open.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -28,6 +30,27 @@ pub struct Tail {
     records: u64,
     lanes: Vec<Lane>,
     moments: Option<Vec<u8>>,
+    /// Encoded behind the rest.
+    #[serde(skip)]
+    thermometer: Thermometer,
+}
+
+/// What becomes of open samples and readings if no file goes on with them.
+#[derive(Default)]
+pub struct TailEnd {
+    /// Their events.
+    pub events: Vec<(Event, Place)>,
+    /// Readings that stay for samples still to come.
+    pub remembered: Option<Tail>,
+}
+
+/// What is known of the rod's thermometer.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+struct Thermometer {
+    /// False if its readings came in a file with samples.
+    is_apart: bool,
+    /// True if there is nothing else, and they are in events already.
+    is_told: bool,
 }
 
 /// One sensor of the rod.
@@ -60,22 +83,42 @@ impl Tail {
             // No input brings about that samples cannot be encoded.
             lanes: saved.collect::<Result<_, postcard::Error>>().ok()?,
             moments: first.moments.as_ref().and_then(|moments| moments.save().ok()),
+            thermometer: Thermometer {
+                is_apart: !first.is_together,
+                is_told: false,
+            },
         })
     }
 
     /// Encodes it for the store.
     pub fn encode(&self) -> Vec<u8> {
         let room = Vec::with_capacity(self.held() + 4096);
-        postcard::to_extend(&(VERSION, self), room).unwrap_or_default()
+        postcard::to_extend(&(VERSION, self, self.thermometer), room).unwrap_or_default()
     }
 
     /// Reads an encoded one; `None` if it comes from another version of the program.
     pub fn decode(body: &[u8]) -> Option<Self> {
         // The version comes first: another one need not be readable beyond it.
         let (version, rest) = postcard::take_from_bytes::<u32>(body).ok()?;
-        (version == VERSION)
-            .then(|| postcard::from_bytes(rest).ok())
-            .flatten()
+        let (tail, rest) = match version {
+            VERSION | BEFORE => postcard::take_from_bytes::<Self>(rest).ok()?,
+            _ => return None,
+        };
+        let thermometer = match version {
+            VERSION => postcard::from_bytes(rest).ok()?,
+            _ => Thermometer::default(),
+        };
+        Some(Self { thermometer, ..tail })
+    }
+
+    /// True if the readings of its rod's thermometer do not come in the files with its samples.
+    pub(super) fn is_apart(&self) -> bool {
+        self.thermometer.is_apart
+    }
+
+    /// True if it only remembers readings, which were told already, for samples still to come.
+    pub fn is_memory(&self) -> bool {
+        self.thermometer.is_told
     }
 
     /// Bytes that it takes.
@@ -124,8 +167,8 @@ impl Tail {
         }
     }
 
-    /// Events of its samples if no file goes on with them; `None` if it cannot be read.
-    pub fn ended(&self, channels: &[RodChannels], settings: &RecordSettings) -> Option<Vec<(Event, Place)>> {
+    /// What becomes of it if no file goes on with it; `None` if it cannot be read.
+    pub fn ended(&self, channels: &[RodChannels], settings: &RecordSettings) -> Option<TailEnd> {
         let rod = channels.iter().find(|channels| channels.rod == self.rod)?;
         let mut router = Router::new(std::slice::from_ref(rod), settings);
         if !self.restore(&mut router.rods, settings) {
@@ -137,7 +180,22 @@ impl Tail {
             records += timed.records();
             timed.at_place(Arc::clone(&file), self.bytes, records)
         });
-        Some(events.collect())
+        let events = events.collect();
+        let remembered = self.is_apart().then(|| {
+            for lane in &mut router.rods {
+                lane.assembler.remember();
+                lane.to = 0;
+            }
+            let has_readings = router.rods.iter().any(|lane| lane.assembler.has_readings());
+            let mut stays =
+                Self::of(&router.rods, settings, &(file, self.bytes, records)).filter(|_| has_readings)?;
+            stays.thermometer.is_told = true;
+            Some(stays)
+        });
+        Some(TailEnd {
+            events,
+            remembered: remembered.flatten(),
+        })
     }
 }
 
@@ -203,7 +261,7 @@ impl Tails {
                 return Err(tail);
             }
             let (to, rod) = (tail.to, tail.rod.clone());
-            let known = since.get(&rod).filter(|(known, _)| *known == to);
+            let known = since.get(&rod).filter(|(known, _)| *known == to && to > 0);
             let at = known.map_or_else(Instant::now, |(_, at)| *at);
             since.insert(rod.clone(), (to, at));
             let before = waiting.insert(rod.clone(), (tail, at));
@@ -232,6 +290,14 @@ impl Tails {
     /// True if a rod's waits.
     pub fn has(&self, rod: &RodId) -> bool {
         self.all(|waiting| waiting.contains_key(rod))
+    }
+
+    /// Rods of which readings are remembered.
+    pub fn remembering(&self) -> BTreeSet<RodId> {
+        self.all(|waiting| {
+            let remembering = waiting.iter().filter(|(_, (tail, _))| tail.is_memory());
+            remembering.map(|(rod, _)| rod.clone()).collect()
+        })
     }
 
     /// Bytes that all of them take.

@@ -4,6 +4,7 @@
 mod unwritable;
 
 use super::guard::Guard;
+use super::late_readings::LateReadings;
 use super::left_out::Runs;
 use super::opening::warn_of_renewed;
 use super::retention::Retention;
@@ -89,6 +90,7 @@ pub struct Core {
     passed: LastSeen,
     silence: Silence,
     left_out: Runs,
+    late_readings: LateReadings,
     overlaps: Overlaps,
     retention: Retention,
     vigil: Vigil,
@@ -133,6 +135,7 @@ impl Core {
             passed,
             silence: Silence::default(),
             left_out: Runs::default(),
+            late_readings: LateReadings::default(),
             overlaps: Overlaps::default(),
             retention: Retention::default(),
             vigil,
@@ -241,7 +244,11 @@ impl Core {
                         (self.notify)(Notice::File(mark));
                     }
                 }
-                Done::Event(Analysed::Readings(..), _) | Done::Job(_) => {}
+                Done::Event(Analysed::Readings(rod, readings), _) => {
+                    let config = &self.generation.config;
+                    self.late_readings.readings(rod, readings, config, &self.health);
+                }
+                Done::Job(_) => {}
             }
         }
         if has_news {
@@ -261,6 +268,8 @@ impl Core {
             let patience = self.generation.config.alarm.sensor_records;
             self.left_out.take(rod, sensors, patience, &self.health);
         }
+        self.late_readings
+            .record(outcome, &self.generation.config, &self.health);
         match self.overlaps.take(outcome, &place.origin) {
             Some(Change::Begins(detail)) => self.health.hold(Fault::Topic, &overlap::about(rod), detail),
             Some(Change::Ends) => self.health.over(Fault::Topic, &overlap::about(rod)),

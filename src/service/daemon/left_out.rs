@@ -1,6 +1,6 @@
 //! Sensors of rods with several that are left out of record after record: a condition each, until one is used again.
 
-use super::unread;
+use super::{late_readings, unread};
 use crate::analysis::identify::{LeftOut, Sensors};
 use crate::analysis::signal::record::RodId;
 use crate::config::Config;
@@ -44,7 +44,11 @@ impl Runs {
                 let mut sensors = rod.analysis.sensors.iter();
                 let thermometer = rod.channels.temperature.as_ref();
                 sensors.any(|sensor| about(id, &sensor.name) == text)
-                    || thermometer.is_some_and(|channel| unread::about(id, &channel.topic) == text)
+                    || thermometer.is_some_and(|channel| {
+                        [unread::about, late_readings::about]
+                            .iter()
+                            .any(|about| about(id, &channel.topic) == text)
+                    })
             })
         };
         for condition in conditions.iter().filter(|held| held.fault == Fault::LeftOut) {

@@ -6,6 +6,7 @@
 pub mod core;
 mod folder;
 mod guard;
+mod late_readings;
 mod left_out;
 mod live;
 mod misnamed;

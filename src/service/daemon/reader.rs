@@ -3,7 +3,7 @@
 //! Every source has its turn, and a turn is short: a huge file never keeps live data waiting. When it stops,
 //! data not committed yet is left to be read again at the next start.
 
-use super::folder::{Folder, FolderEnd, FolderStep};
+use super::folder::{Folder, FolderEnd, FolderStep, Waits};
 pub use super::remembered::{JOURNAL, Remembered};
 use super::steps::Guard;
 use super::supervision::{Standing, Watch};
@@ -188,6 +188,10 @@ struct JournalLane {
 /// The daemon stops, or the receiver of the jobs is gone.
 struct Stopped;
 
+fn time(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
+}
+
 fn channels(generation: &Generation) -> Vec<RodChannels> {
     let rods = generation.config.rods.iter();
     rods.map(|rod| rod.channels.clone()).collect()
@@ -204,10 +208,13 @@ impl Work {
         let health = &around.health;
         let (channels, settings) = (channels(&generation), generation.config.record);
         let folder = sources.folder.map(|path| {
-            let time = |seconds: f64| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX);
             Folder::new(
                 (path, sources.subfolders),
-                (time(sources.settle_s), time(sources.join_s)),
+                Waits {
+                    settle: time(sources.settle_s),
+                    join: time(sources.join_s),
+                    readings: time(generation.config.ingest.readings_s),
+                },
                 &channels,
                 &settings,
                 remembered,
@@ -538,7 +545,9 @@ impl Work {
     fn change(&mut self, generation: Arc<Generation>) -> Result<(), Stopped> {
         self.tell_new_topics(&generation);
         let folder = self.folder.as_mut();
-        let steps = folder.map(|folder| folder.change(&channels(&generation), &generation.config.record));
+        let config = &generation.config;
+        let readings = time(config.ingest.readings_s);
+        let steps = folder.map(|folder| folder.change(&channels(&generation), &config.record, readings));
         for step in steps.into_iter().flatten() {
             self.send_step(step)?;
         }

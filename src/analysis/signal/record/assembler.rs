@@ -334,6 +334,19 @@ impl Assembler {
         ))
     }
 
+    /// True if it has readings.
+    pub fn has_readings(&self) -> bool {
+        self.temperature.as_ref().is_some_and(Temperature::has_any)
+    }
+
+    /// Starts again after [`Assembler::finish`] with the readings of the latest day.
+    pub fn remember(&mut self) {
+        self.renew(true);
+        if let Some(readings) = &mut self.temperature {
+            readings.remember();
+        }
+    }
+
     /// Ends the stream. With `cut_short`, the last record may be incomplete.
     pub fn finish(&mut self, cut_short: bool) {
         self.settle(cut_short);

@@ -29,7 +29,7 @@ pub use moments::{Moment, Moments, is_one_motion};
 pub use rejection::{Flag, Rejection};
 pub use saved::{EventToSave, SavedEvent};
 pub use settings::{Cut, RecordSettings};
-pub use temperature::{POSSIBLE_C, Reading};
+pub use temperature::{POSSIBLE_C, Reading, STALE_S};
 pub use time::Timestamp;
 pub use unit::Unit;
 

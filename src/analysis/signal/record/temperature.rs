@@ -7,7 +7,11 @@ use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
 /// Greatest age of the last reading when none falls into a record \[s\].
-const STALE_S: i64 = 900;
+pub const STALE_S: i64 = 900;
+/// Time for which readings are remembered for samples that come later \[s\].
+const REMEMBERED_S: i64 = 86_400;
+/// Most of them that are remembered one by one.
+const REMEMBERED: usize = 2000;
 /// Most seconds of readings kept.
 const KEPT: usize = 20_000;
 /// Length of the means that are handed out, aligned to 1970 \[s\].
@@ -128,6 +132,33 @@ impl Temperature {
                     self.fresh.pop_first();
                 }
             }
+        }
+    }
+
+    /// True if a reading ever came.
+    pub fn has_any(&self) -> bool {
+        self.last.is_some()
+    }
+
+    /// Forgets what was not handed out, and of the rest all but the latest day; of many readings one mean a minute stays.
+    pub fn remember(&mut self) {
+        self.fresh.clear();
+        let from = self
+            .last
+            .map_or(i64::MIN, |last| last.saturating_sub(REMEMBERED_S));
+        self.seconds = self.seconds.split_off(&from);
+        if self.seconds.len() > REMEMBERED {
+            let mut minutes: BTreeMap<i64, (i64, f64, u32)> = BTreeMap::new();
+            for (second, (celsius, count)) in &self.seconds {
+                let (latest, sum, number) = minutes.entry(second.div_euclid(60)).or_default();
+                *latest = *second;
+                *sum += celsius;
+                *number += count;
+            }
+            let minutes = minutes.into_values();
+            self.seconds = minutes
+                .map(|(latest, sum, number)| (latest, (sum, number)))
+                .collect();
         }
     }
 
@@ -262,6 +293,27 @@ mod tests {
         temperature.push(at(0), -127.0);
         assert_eq!(temperature.mean(at(0), at(300)), Some(-127.0));
         assert_eq!(temperature.take(at(300))[0].celsius, -127.0);
+    }
+
+    #[test]
+    fn the_latest_day_is_remembered_by_the_minute() {
+        let mut temperature = Temperature::default();
+        for second in 0..20_000 {
+            temperature.push(at(second), second as f64 / 64.0);
+        }
+        temperature.remember();
+        assert!(temperature.take(Timestamp::MAX).is_empty());
+        assert_eq!(temperature.seconds.len(), 334);
+        // Minute 100 ends with second 6059.
+        assert_eq!(temperature.mean(at(6059), at(6060)), Some(6029.5 / 64.0));
+        // Few stay one by one, of the latest day.
+        let mut temperature = Temperature::default();
+        for hour in 0..40 {
+            temperature.push(at(3600 * hour), hour as f64);
+        }
+        temperature.remember();
+        assert_eq!(temperature.seconds.len(), 25);
+        assert_eq!(temperature.mean(at(3600 * 39), at(3600 * 39)), Some(39.0));
     }
 
     #[test]

@@ -92,7 +92,7 @@ impl Router {
     }
 
     /// Events of the samples left at the very end.
-    pub fn ended(mut self) -> impl Iterator<Item = Timed> {
+    pub fn ended(&mut self) -> impl Iterator<Item = Timed> + use<> {
         let mut last = Ready::default();
         self.finish(false, None, &mut last);
         last.take()

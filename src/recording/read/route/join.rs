@@ -1,6 +1,6 @@
 //! Rods that go on where an earlier file ended, and leave their open samples to the next.
 
-use super::{Ready, Rod, Router, held};
+use super::{Ready, Rod, Route, Router, held};
 use crate::analysis::signal::record::RodId;
 use crate::recording::read::tail::{Tail, Tails};
 use std::sync::Arc;
@@ -29,7 +29,9 @@ impl Router {
         if std::mem::replace(&mut listed.is_begun, true) {
             return;
         }
-        let (routes, Some(tails)) = (listed.routes.clone(), &self.tails) else {
+        let routes = listed.routes.clone();
+        self.note_thermometer(routes.as_deref().unwrap_or_default());
+        let (routes, Some(tails)) = (routes, &self.tails) else {
             return;
         };
         for route in routes
@@ -68,6 +70,9 @@ impl Router {
                 continue;
             };
             lanes[0].is_continued = true;
+            if route.temperature {
+                lanes[0].is_together = !tail.is_apart();
+            }
             if !tail.restore(lanes, tails.settings()) {
                 let lost = format!(
                     "rod {}: the samples that {} left open cannot be read; they are left out",
@@ -76,6 +81,21 @@ impl Router {
                 self.holes.push(lost);
             }
             self.taken.push(tail);
+        }
+    }
+
+    /// Notes whether samples and readings of the rods of a channel come in one file, at its first message.
+    fn note_thermometer(&mut self, routes: &[Route]) {
+        for route in routes {
+            let of = |route: &Route| self.rods.get(route.rod).map(|rod| route.rod - rod.sensor);
+            let rod = of(route);
+            let begun = self.channels.iter().filter(|listed| listed.is_begun);
+            let mut others = begun.flat_map(|listed| listed.routes.iter().flat_map(|routes| routes.iter()));
+            let is_together = others.any(|other| other.temperature != route.temperature && of(other) == rod);
+            // Readings alone may be those of a rod whose samples come in other files.
+            if let Some(rod) = rod.filter(|_| is_together || !route.temperature) {
+                self.rods[rod].is_together = is_together;
+            }
         }
     }
 

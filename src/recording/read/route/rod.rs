@@ -34,6 +34,8 @@ pub(in crate::recording::read) struct Rod {
     pub(in crate::recording::read) is_begun: bool,
     /// True if it had temperatures in it that the next file takes over, with the first lane of the rod.
     pub(in crate::recording::read) is_warmed: bool,
+    /// True if its samples and its readings come in one file, with the first lane of the rod.
+    pub(in crate::recording::read) is_together: bool,
     /// True if it went on with open samples of an earlier file, with the first lane of the rod.
     pub(in crate::recording::read) is_continued: bool,
 }

@@ -26,7 +26,7 @@ impl Folder {
                 continue;
             }
             lane.recording.bound(self.room());
-            let step = lane.step(watch, self.settle, &self.health);
+            let step = lane.step(watch, self.waits.settle, &self.health);
             match step {
                 None => {
                     self.joins.give_back(lane.taken().iter());

@@ -3,12 +3,12 @@
 use super::begun::{BEGUN_UNDER, Begun};
 use super::lane::Lane;
 use crate::analysis::signal::record::{Event, RecordSettings, RodChannels, RodId};
-use crate::recording::read::{Place, Tail, Tails};
+use crate::recording::read::{Place, Tail, TailEnd, Tails};
 use crate::service::telemetry::{Fault, Health};
 use crate::site::store::Carry;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Beginning of the names under which the store keeps them, before the rod's id.
 pub(in crate::service::daemon) const KEPT_UNDER: &str = "folder/";
@@ -64,6 +64,9 @@ impl Joins {
                 (None, Some(_)) => ended.kept.push(removed()),
                 (None, None) => {
                     ended.kept.push(removed());
+                    if Tail::decode(&carry.body).is_some_and(|tail| tail.is_memory()) {
+                        continue;
+                    }
                     health.fault(
                         Fault::Recording,
                         format!(
@@ -145,19 +148,25 @@ impl Joins {
             };
             ended
                 .events
-                .extend(over.iter().flat_map(|tail| self.events(tail)));
+                .extend(over.iter().flat_map(|tail| self.ended(tail).events));
         }
         ended
     }
 
-    /// Ends those that have waited long enough.
-    pub(super) fn end_late(&self) -> Ended {
-        self.end(self.tails.remove_if(|_, since| since.elapsed() >= self.wait))
+    /// Ends those that have waited long enough, but for rods with a file that may go on with them.
+    pub(super) fn end_late(&self, goes_on: impl Fn(&RodId) -> bool) -> Ended {
+        let is_late = |tail: &Tail, since: Instant| {
+            !tail.is_memory() && since.elapsed() >= self.wait && !goes_on(&tail.rod)
+        };
+        self.end(self.tails.remove_if(is_late), true)
     }
 
     /// Changes channels and settings: what was cut otherwise ends.
     pub(super) fn change(&mut self, channels: &[RodChannels], settings: &RecordSettings) -> Ended {
-        let mut ended = self.end(self.tails.remove_if(|tail, _| !tail.fits(channels, settings)));
+        let mut ended = self.end(
+            self.tails.remove_if(|tail, _| !tail.fits(channels, settings)),
+            false,
+        );
         let changed = self.begun.forget_if(|_, tail| !tail.fits(channels, settings));
         ended.kept.extend(changed);
         let stay = self.tails.remove_if(|_, _| true);
@@ -169,14 +178,23 @@ impl Joins {
         ended
     }
 
-    fn end(&self, tails: Vec<Tail>) -> Ended {
-        Ended {
-            events: tails.iter().flat_map(|tail| self.events(tail)).collect(),
-            kept: tails.iter().map(|tail| carry(&tail.rod, Vec::new())).collect(),
+    /// Ends some; `remembers`: readings stay for samples still to come.
+    fn end(&self, tails: Vec<Tail>, remembers: bool) -> Ended {
+        let mut ended = Ended::default();
+        for tail in tails {
+            let TailEnd { events, remembered } = self.ended(&tail);
+            ended.events.extend(events);
+            let remembered = remembered.filter(|_| remembers);
+            let body = remembered.as_ref().map_or_else(Vec::new, Tail::encode);
+            ended.kept.push(carry(&tail.rod, body));
+            if let Some(remembered) = remembered {
+                drop(self.tails.put(remembered));
+            }
         }
+        ended
     }
 
-    fn events(&self, tail: &Tail) -> Vec<(Event, Place)> {
+    fn ended(&self, tail: &Tail) -> TailEnd {
         let ended = catch_unwind(AssertUnwindSafe(|| {
             tail.ended(&self.channels, self.tails.settings())
         }));
@@ -186,7 +204,7 @@ impl Joins {
                 tail.file, tail.rod
             );
             self.health.fault(Fault::Recording, detail);
-            Vec::new()
+            TailEnd::default()
         })
     }
 }

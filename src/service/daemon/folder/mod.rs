@@ -1,5 +1,6 @@
 //! The watched folder: finds recordings to read, and reads them one step at a time.
 
+mod awaiting;
 mod begun;
 mod group;
 mod growing;
@@ -9,6 +10,7 @@ mod listing;
 mod scan;
 mod span;
 
+use self::awaiting::Awaiting;
 pub(super) use self::begun::BEGUN_UNDER;
 use self::group::{Group, Read};
 pub(super) use self::joins::KEPT_UNDER;
@@ -43,7 +45,7 @@ pub(super) struct Folder {
     /// True if another file system was mounted there since the start.
     was_mount: bool,
     has_subfolders: bool,
-    settle: Duration,
+    waits: Waits,
     channels: Vec<RodChannels>,
     settings: RecordSettings,
     health: Arc<Health>,
@@ -52,6 +54,8 @@ pub(super) struct Folder {
     /// Finished files to be read, in the order of their first message.
     queue: BTreeSet<(u64, OsString)>,
     queued: HashMap<OsString, Stamp>,
+    /// Finished files that are not queued yet.
+    awaiting: Awaiting,
     /// Files that could not be opened, or are quarantined, with the time of the next try.
     failed: HashMap<OsString, Instant>,
     /// Growing files put off until they are finished, since all of them together held too much.
@@ -86,6 +90,17 @@ pub(super) struct Folder {
     catches_up: bool,
 }
 
+/// Times for which the folder waits.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Waits {
+    /// Without growth, until a recording counts as cut short.
+    pub settle: Duration,
+    /// For the file that goes on with open samples.
+    pub join: Duration,
+    /// For the readings of a thermometer that writes files of its own.
+    pub readings: Duration,
+}
+
 /// Step of the folder.
 pub(super) type FolderStep = Step<FolderEnd>;
 
@@ -100,7 +115,7 @@ pub(super) struct FolderEnd {
 impl Folder {
     pub fn new(
         (path, has_subfolders): (PathBuf, bool),
-        (settle, join): (Duration, Duration),
+        waits: Waits,
         channels: &[RodChannels],
         settings: &RecordSettings,
         remembered: &Remembered,
@@ -117,12 +132,19 @@ impl Folder {
         let done = marks
             .values()
             .filter_map(|mark| Some((name_of(&mark.name)?, (mark.size, mark.modified_ns))));
-        let (joins, ended) = Joins::new(&remembered.open, channels, settings, join, Arc::clone(&health));
+        let (joins, ended) = Joins::new(
+            &remembered.open,
+            channels,
+            settings,
+            waits.join,
+            Arc::clone(&health),
+        );
+        let awaiting = Awaiting::new(joins.tails().remembering());
         let mut folder = Self {
             path: path.into(),
             was_mount: false,
             has_subfolders,
-            settle,
+            waits,
             channels: channels.to_vec(),
             settings: *settings,
             joins,
@@ -131,6 +153,7 @@ impl Folder {
             done: done.collect(),
             queue: BTreeSet::new(),
             queued: HashMap::new(),
+            awaiting,
             failed: HashMap::new(),
             postponed: HashSet::new(),
             finishing: BTreeSet::new(),
@@ -168,15 +191,18 @@ impl Folder {
         self.catches_up || self.finished.is_some() || !self.queue.is_empty()
     }
 
-    /// Changes channels and settings: files not read to their end are begun again. Returns the steps before the change.
+    /// Changes channels, settings and the wait for readings: files not read to their end are begun again. Returns the steps before the
+    /// change.
     pub fn change(
         &mut self,
         channels: &[RodChannels],
         settings: &RecordSettings,
+        readings: Duration,
     ) -> impl Iterator<Item = FolderStep> + use<> {
         let growing = self.growing.iter().flat_map(Lane::taken);
         let taken = self.finished.iter().flat_map(Group::taken).chain(growing);
         self.joins.give_back(taken);
+        self.waits.readings = readings;
         let ended = self.joins.change(channels, settings);
         self.tell(ended, Vec::new());
         channels.clone_into(&mut self.channels);
@@ -206,7 +232,8 @@ impl Folder {
         let all_read =
             self.finished.is_none() && self.queue.is_empty() && !self.growing.iter().any(is_unread);
         if all_read && self.postponed.is_empty() && self.crowded == 0 {
-            let ended = self.joins.end_late();
+            let (awaiting, channels) = (&self.awaiting, &self.channels);
+            let ended = self.joins.end_late(|rod| awaiting.has_samples_of(rod, channels));
             self.tell(ended, Vec::new());
         }
     }
@@ -245,7 +272,7 @@ impl Folder {
             let limit = next.map_or(u64::MAX, |(time, _)| *time);
             let step = group.step(
                 watch,
-                (self.settle, &self.health),
+                (self.waits.settle, &self.health),
                 (self.room(), limit),
                 self.joins.tails(),
             );

@@ -1,9 +1,10 @@
 //! Finds recordings that are new or changed, and lets those begin that grow.
 
+use super::awaiting::News;
 use super::lane::{Lane, Stamp, has_end, stamp};
 use super::listing::{Entry, Listing, label, name_of};
 use super::{Ended, Folder, RETRY};
-use crate::recording::read::folder::first_time;
+use crate::recording::read::folder::{first_time, span_by_summary};
 use crate::service::telemetry::{Beat, Fault};
 use rustix::fs::{Mode, OFlags};
 use std::collections::{BTreeMap, BTreeSet};
@@ -117,6 +118,20 @@ impl Folder {
                     .iter()
                     .any(|folder| Path::new(name).starts_with(folder))
         };
+        let growing = self.growing.iter().filter_map(|lane| lane.begins).max();
+        let of_now = (self.waits.readings, growing);
+        let (due, news) = self.awaiting.due(&self.channels, is_there, of_now);
+        for News { file, topics } in news {
+            let (label, hours) = (label(&file), self.waits.readings.as_secs_f64() / 3600.0);
+            tracing::info!(
+                "{label} waits for readings of {}, {hours:.2} h at most",
+                topics.join(", ")
+            );
+        }
+        for (name, file) in due {
+            self.queue.insert((file.begins, name.clone()));
+            self.queued.insert(name, file.stamp);
+        }
         // A name that is gone may come back as another file.
         self.failed.retain(|name, _| is_there(name));
         self.postponed.retain(is_there);
@@ -151,10 +166,12 @@ impl Folder {
         }
         let is_waiting = self.failed.get(name).is_some_and(|until| Instant::now() < *until);
         if self.done.get(name) == Some(&stamp) {
+            self.awaiting.remove(name);
             self.finishing.remove(name);
             return;
         }
         if self.queued.contains_key(name)
+            || self.awaiting.has(name, &stamp)
             || is_waiting
             || self.finished.as_ref().is_some_and(|group| group.has(name))
         {
@@ -170,13 +187,21 @@ impl Folder {
             .and_then(|modified| SystemTime::now().duration_since(modified).ok());
         // One that was not written to for long does not grow any more. An empty one may be about to be written anew: some file systems keep
         // the time of change when a file is emptied.
-        let has_rested = stamp.0 > 0 && age.is_some_and(|age| age >= self.settle);
+        let has_rested = stamp.0 > 0 && age.is_some_and(|age| age >= self.waits.settle);
         if has_end(&file) || has_rested {
             let time = first_time(&file).unwrap_or(u64::MAX);
-            self.queue.insert((time, name.to_owned()));
-            self.queued.insert(name.to_owned(), stamp);
+            if self.finishing.contains(name) || self.channels.iter().all(|rod| rod.temperature.is_none()) {
+                self.queue.insert((time, name.to_owned()));
+                self.queued.insert(name.to_owned(), stamp);
+                return;
+            }
+            // At the start a file has waited since it was written.
+            let waited = age.filter(|_| self.catches_up).unwrap_or_default();
+            self.awaiting
+                .add(name, (time, stamp), span_by_summary(&file), waited);
             return;
         }
+        self.awaiting.remove(name);
         self.finishing.remove(name);
         if self.postponed.contains(name) {
             // Until it is finished.

@@ -35,7 +35,7 @@ pub struct Tail {
     thermometer: Thermometer,
 }
 
-/// What becomes of open samples and readings if no file goes on with them.
+/// End of open samples and readings with which no file goes on.
 #[derive(Default)]
 pub struct TailEnd {
     /// Their events.
@@ -44,7 +44,7 @@ pub struct TailEnd {
     pub remembered: Option<Tail>,
 }
 
-/// What is known of the rod's thermometer.
+/// State of the readings of the rod's thermometer.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 struct Thermometer {
     /// False if its readings came in a file with samples.
@@ -167,7 +167,7 @@ impl Tail {
         }
     }
 
-    /// What becomes of it if no file goes on with it; `None` if it cannot be read.
+    /// Its end if no file goes on with it; `None` if it cannot be read.
     pub fn ended(&self, channels: &[RodChannels], settings: &RecordSettings) -> Option<TailEnd> {
         let rod = channels.iter().find(|channels| channels.rod == self.rod)?;
         let mut router = Router::new(std::slice::from_ref(rod), settings);

@@ -14,7 +14,7 @@ pub(super) struct Awaiting {
     heard: Heard,
 }
 
-/// What came of the thermometers.
+/// Readings that came so far.
 #[derive(Default)]
 struct Heard {
     /// Log time up to which the files so far have readings, by topic \[ns since 1970\].

@@ -75,8 +75,7 @@ fn spells_of_larger_noise_are_no_changes() {
         // In the middle of a calm.
         told += u32::from((433..436).any(|day| step(day, -0.03)));
     }
-    // 12 % are promised for 425 periods, of rods whose noise is that of the law: 60 (0.12 + 2 sqrt(0.12 0.88 / 60)) = 12. Of 100 such rods a
-    // law of one noise tells 50 and this one 9.
+    // 12 % are promised for 425 periods, of rods whose noise is that of the law: 60 (0.12 + 2 sqrt(0.12 0.88 / 60)) = 12.
     assert!(alarms <= 12, "{alarms} of 60");
     assert!(told >= 57, "{told} of 60");
 }

@@ -58,14 +58,14 @@
 pub use tirante_analysis as analysis;
 #[doc(no_inline)]
 pub use tirante_analysis::*;
+#[doc(hidden)]
+pub use tirante_recording as recording;
 
 #[cfg(feature = "daemon")]
 #[doc(hidden)]
 pub mod command;
 #[doc(hidden)]
 pub mod config;
-#[doc(hidden)]
-pub mod recording;
 #[cfg(feature = "daemon")]
 #[doc(hidden)]
 pub mod service;

@@ -275,14 +275,16 @@ fn expand<'t>(
     at + 1
 }
 
-/// A path seen from a module: `super`, `self` and `crate` taken out, `crate` in front of what lies below `src`. The pure
-/// wing is a crate of its own: its `crate` is `crate::analysis`.
+/// Wings that are crates of their own: the `crate` of their files is `crate::analysis`, `crate::recording`.
+const CRATES: [&str; 2] = ["analysis", "recording"];
+
+/// A path seen from a module: `super`, `self`, `crate` and names of crates taken out, `crate` in front of what lies below `src`.
 fn absolute(here: &[&str], path: &[&str]) -> Vec<String> {
     let mut at: Vec<&str> = vec!["crate"];
     let mut rest = path;
     match path[0] {
         "crate" => {
-            at.extend(here.first().filter(|wing| **wing == "analysis"));
+            at.extend(here.first().filter(|wing| CRATES.contains(wing)));
             rest = &path[1..];
         }
         "super" | "self" => {
@@ -296,7 +298,16 @@ fn absolute(here: &[&str], path: &[&str]) -> Vec<String> {
                 rest = tail;
             }
         }
-        _ => at.clear(),
+        name => match CRATES
+            .iter()
+            .find(|wing| name.strip_prefix("tirante_") == Some(**wing))
+        {
+            Some(wing) => {
+                at.push(wing);
+                rest = &path[1..];
+            }
+            None => at.clear(),
+        },
     }
     at.iter()
         .chain(rest)
@@ -445,7 +456,8 @@ fn the_pure_wing_knows_no_file_clock_generator_or_thread() {
 #[test]
 fn every_way_to_write_an_upward_import_is_seen() {
     let pure = ["analysis", "rod", "prior"].map(str::to_owned);
-    let shell = ["recording", "read", "json"].map(str::to_owned);
+    let recording = ["recording", "read", "json"].map(str::to_owned);
+    let shell = ["config", "settings", "http"].map(str::to_owned);
     for (module, text) in [
         (&shell, "use crate::site::store::Store;"),
         (&shell, "use super::super::super::site::store::Store;"),
@@ -460,6 +472,9 @@ fn every_way_to_write_an_upward_import_is_seen() {
         (&pure, "use crate::track::State;"),
         (&pure, "use crate::track;"),
         (&pure, "use super::Prior;"),
+        (&pure, "use tirante_recording::part;"),
+        (&recording, "use crate::import::How;"),
+        (&recording, "use super::super::import::How;"),
         (
             &shell,
             "let text = \"// \\\" {\"; // {\nlet c = '\"'; crate::service::http::now();",
@@ -471,6 +486,9 @@ fn every_way_to_write_an_upward_import_is_seen() {
         (&pure, "use crate::numerics::random;"),
         (&pure, "use super::beam::Section;"),
         (&shell, "use crate::analysis::track::State;"),
+        (&shell, "use crate::recording::import::How;"),
+        (&recording, "use tirante_analysis::track::State;"),
+        (&recording, "use crate::part;"),
         (&shell, "mod tests { use super::*; }"),
         (
             &shell,

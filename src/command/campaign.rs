@@ -369,7 +369,7 @@ impl<F: OnEvent> Delivery<'_, F> {
         };
         let became = match is_repeated {
             true => Became::Known,
-            false => match (self.on_event)(&analysed, Some(place.position()), before, self.bar) {
+            false => match (self.on_event)(&analysed, Some((&place).into()), before, self.bar) {
                 Ok(became) => became,
                 Err(error) => {
                     self.failure = Some(error);

@@ -3,9 +3,9 @@
 use super::asked::{Asked, channels_of};
 use super::plan::Plan;
 use super::{ImportError, Stamps, Timing, grid};
-use crate::analysis::signal::record::{RodChannels, Timestamp};
-use crate::recording::read::contents::rounded;
-use crate::recording::write::Layout;
+use crate::read::contents::rounded;
+use crate::write::Layout;
+use tirante_analysis::signal::record::{RodChannels, Timestamp};
 
 /// Largest relative difference of two rates that count as equal.
 const RATE_ERROR: f64 = 1e-3;

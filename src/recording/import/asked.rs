@@ -1,8 +1,8 @@
 //! Options for a file, and the checks that file, command line and configuration agree.
 
 use super::{ImportError, Signal, is_time_name};
-use crate::analysis::signal::record::{Channel, RodChannels, Timestamp, Unit};
 use std::collections::BTreeSet;
+use tirante_analysis::signal::record::{Channel, RodChannels, Timestamp, Unit};
 
 /// A channel asked for, as `SOURCE[=TOPIC][,UNIT]`.
 #[derive(Debug, Clone, PartialEq, Eq)]

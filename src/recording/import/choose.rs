@@ -3,7 +3,7 @@
 use super::asked::{Asked, Wanted, channels_of, choose, told};
 use super::contents::describe;
 use super::{ImportError, Signal, ramp};
-use crate::analysis::signal::record::{Channel, RodChannels, Unit};
+use tirante_analysis::signal::record::{Channel, RodChannels, Unit};
 
 /// Most channels named in an error.
 const NAMED: usize = 12;

@@ -4,10 +4,10 @@ use super::asked::tell_apart;
 use super::asked::{Asked, Wanted};
 use super::format::{Format, Kind, LOOKED_AT, kind};
 use super::{ImportError, Signal, Timing, csv, lvm, mat, npy, ramp, tdms, uff, wav};
-use crate::analysis::signal::record::{RodChannels, Timestamp, Unit};
-use crate::recording::read::contents::rounded;
+use crate::read::contents::rounded;
 use std::io::{BufReader, Cursor, Read};
 use std::path::Path;
+use tirante_analysis::signal::record::{RodChannels, Timestamp, Unit};
 
 /// Options for reading a file.
 #[derive(Debug, Clone, Default)]

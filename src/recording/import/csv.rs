@@ -114,7 +114,7 @@ pub fn read(from: impl BufRead, table: &Table) -> Result<Tabled, ImportError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::import::Timing;
+    use crate::import::Timing;
 
     fn signals(text: &str, table: &Table) -> Result<Vec<Signal>, String> {
         read(text.as_bytes(), table)

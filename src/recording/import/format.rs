@@ -8,7 +8,7 @@ pub(super) const LOOKED_AT: usize = 512;
 
 /// Supported formats of other programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "daemon", derive(clap::ValueEnum))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Format {
     /// Text tables.
     Csv,

@@ -4,10 +4,10 @@ use super::csv::Splitter;
 use super::lines::Lines;
 use super::stamp::{self, DateOrder, SINCE_2001, TimeUnit};
 use super::{ImportError, MOST_VALUES};
-use crate::analysis::rod::beam::forward::MAX_MODES;
-use crate::analysis::signal::modes::Mode;
-use crate::analysis::signal::record::{RodId, Timestamp};
 use std::io::BufRead;
+use tirante_analysis::rod::beam::forward::MAX_MODES;
+use tirante_analysis::signal::modes::Mode;
+use tirante_analysis::signal::record::{RodId, Timestamp};
 
 /// Highest frequency accepted; no rod vibrates faster \[Hz\].
 const HIGHEST_HZ: f64 = 1e5;

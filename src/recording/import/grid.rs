@@ -2,7 +2,7 @@
 //! it.
 
 use super::{ImportError, Stamps};
-use crate::recording::read::contents::rounded;
+use crate::read::contents::rounded;
 use std::ops::Range;
 
 /// Largest distance of even stamps from the grid, as a share of the interval; more is allowed where they are
@@ -312,7 +312,7 @@ pub(super) fn simplest(slope: f64, tolerance: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::import::resample::resample;
+    use crate::import::resample::resample;
 
     fn stamps(nanos: Vec<i64>, resolution_ns: i64) -> Stamps {
         Stamps {

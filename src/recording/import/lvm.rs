@@ -258,9 +258,9 @@ fn together(pieces: &[Piece]) -> Result<Stamps, ImportError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::signal::record::Unit;
-    use crate::recording::import::{Asked, Plan};
-    use crate::recording::write::Encoding;
+    use crate::import::{Asked, Plan};
+    use crate::write::Encoding;
+    use tirante_analysis::signal::record::Unit;
 
     const HEAD: &str = "LabVIEW Measurement\t\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\nMulti_Headings\tYes\nX_Columns\tNo\nTime_Pref\tRelative\nDate\t2026/03/01\nTime\t06:00:00,1970510124996275989\n***End_of_Header***\t\n\t\n";
     const SEGMENT: &str = "Channels\t2\t\t\nSamples\t3\t3\t\nDate\t2026/03/01\t2026/03/01\t\nTime\t06:00:01,5\t06:00:01,5\t\nY_Unit_Label\tNewtons\tm/s^2\t\nX_Dimension\tTime\tTime\t\nX0\t0,0000000000000000E+0\t0,0000000000000000E+0\t\nDelta_X\t3,906250E-3\t3,906250E-3\t\n***End_of_Header***\t\t\t\nX_Value\tForce\tResponse\tComment\n\t0,5\t1,25\n\t-0,5\t1,5\tok\n\t1,0E-3\t\n";

@@ -40,9 +40,9 @@ pub use self::plan::Plan;
 pub use self::stamp::{DateOrder, TimeUnit, utc_offset};
 pub use self::write::write;
 
-use crate::analysis::signal::record::Timestamp;
 use std::sync::Arc;
 use thiserror::Error;
+use tirante_analysis::signal::record::Timestamp;
 
 /// Most values of one file, stamps included: 64 MiB in memory, and about twice that on the way to records.
 pub const MOST_VALUES: usize = 1 << 23;

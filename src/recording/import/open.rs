@@ -7,16 +7,16 @@ use super::format::{Format, Kind, LOOKED_AT, kind};
 use super::order::Blocks;
 use super::plan::{Plan, Planned};
 use super::{ImportError, Signal, Timing, ramp};
-use crate::analysis::signal::record::{
-    Channel, RecordSettings, RodChannels, RodId, TimeSource, Timestamp, Unit,
-};
-use crate::recording::read::contents::{Content, contents};
-use crate::recording::read::folder::Span;
-use crate::recording::read::{Options, Recording, SourceError};
-use crate::recording::write::{Encoding, Layout};
+use crate::read::contents::{Content, contents};
+use crate::read::folder::Span;
+use crate::read::{Options, Recording, SourceError};
+use crate::write::{Encoding, Layout};
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
+use tirante_analysis::signal::record::{
+    Channel, RecordSettings, RodChannels, RodId, TimeSource, Timestamp, Unit,
+};
 
 /// Rods whose records are read from a file.
 #[derive(Debug, Clone, Copy)]

@@ -1,11 +1,11 @@
 //! The messages of a plan in order of time, as a recorder would write them.
 
 use super::plan::{Plan, Planned};
-use crate::analysis::signal::record::Timestamp;
-use crate::recording::read::Block;
-use crate::recording::write::Layout;
+use crate::read::Block;
+use crate::write::Layout;
 use std::ops::Range;
 use std::sync::Arc;
+use tirante_analysis::signal::record::Timestamp;
 
 /// Iterator over the messages of a plan.
 pub(super) struct Order(Vec<Cursor>);

@@ -6,10 +6,10 @@ use super::asked::{Asked, Wanted, channels_of, choose, told, unit};
 use super::grid::{self, Stretch};
 use super::resample::resample;
 use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing};
-use crate::analysis::signal::record::{Timestamp, Unit};
-use crate::recording::write::{Encoding, Layout};
+use crate::write::{Encoding, Layout};
 use std::ops::Range;
 use std::sync::Arc;
+use tirante_analysis::signal::record::{Timestamp, Unit};
 
 /// Most samples in a message.
 const BATCH: usize = 4096;

@@ -1,7 +1,7 @@
 //! Columns that rise evenly: stamps without a name, or a count of the rows.
 
 use super::{ImportError, Signal, Timing, is_time_name};
-use crate::recording::read::contents::rounded;
+use crate::read::contents::rounded;
 
 /// Number of rows from which a rise is no accident.
 const ENOUGH: usize = 8;

@@ -2,7 +2,7 @@
 
 use super::grid::{Grid, SHORT_GAP, Stretch, difference, interval_ns};
 use super::{ImportError, Stamps};
-use crate::recording::read::contents::rounded;
+use crate::read::contents::rounded;
 
 /// Largest interval to resample to, in intervals of the stamps: without a filter, a larger one would alias
 /// fast vibration onto slow.

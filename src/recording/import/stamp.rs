@@ -6,7 +6,7 @@ use jiff::tz::Offset;
 
 /// Unit of the numbers of a time column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "daemon", derive(clap::ValueEnum))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum TimeUnit {
     /// Days; numbers of the size of a day from 2001 to 2096 are a spreadsheet's, which count from 30 December 1899.
     D,
@@ -26,7 +26,7 @@ pub enum TimeUnit {
 
 /// Order of day and month in dates such as `03/04/2026`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "daemon", derive(clap::ValueEnum))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum DateOrder {
     /// The third of April.
     DayFirst,

@@ -4,9 +4,9 @@ use super::heads::some;
 use super::lines::{Lines, shown};
 use super::stamp::TimeUnit;
 use super::{ImportError, MOST_VALUES, Signal, Stamps, Timing};
-use crate::analysis::signal::record::Timestamp;
 use std::io::{BufRead, Read};
 use std::sync::Arc;
+use tirante_analysis::signal::record::Timestamp;
 
 /// Content of a file.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -2,7 +2,7 @@
 
 use super::order::Order;
 use super::plan::Plan;
-use crate::recording::write::{ChannelSpec, Precision, RecordingWriter, SinkError};
+use crate::write::{ChannelSpec, Precision, RecordingWriter, SinkError};
 use std::io::{Seek, Write};
 
 /// Writes every sample of the plan, bit for bit; returns the number of messages.

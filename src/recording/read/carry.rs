@@ -1,8 +1,8 @@
 //! State that remains open after a part of a journal was read to its end: samples not yet in a record.
 
 use super::route::Router;
-use crate::analysis::signal::record::{Assembler, RecordSettings, RodChannels, RodId};
 use serde::{Deserialize, Serialize};
+use tirante_analysis::signal::record::{Assembler, RecordSettings, RodChannels, RodId};
 
 /// Version of the encoding, raised whenever the content of an assembler changes its meaning.
 const VERSION: u32 = 4;

@@ -4,11 +4,11 @@ use super::decode::{Decoder, SchemaRef};
 use super::definition::Definition;
 use super::finished::Finished;
 use super::mcap::{Item, Progress};
-use crate::analysis::signal::record::{TimeSource, Unit};
 use std::collections::{BTreeMap, HashMap};
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
+use tirante_analysis::signal::record::{TimeSource, Unit};
 
 /// Messages examined per channel.
 const ENOUGH: usize = 200;

@@ -4,8 +4,8 @@ use super::cdr::CdrPlan;
 use super::json::JsonPlan;
 use super::path::{FieldPath, PathError};
 use super::protobuf::ProtobufPlan;
-use crate::analysis::signal::record::TimeSource;
 use thiserror::Error;
+use tirante_analysis::signal::record::TimeSource;
 
 /// Reason why a message, or a whole channel, gives no samples.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]

@@ -1,7 +1,7 @@
 //! Fields of a message definition.
 
 use super::decode::{DecodeError, Decoded, Decoder, SchemaRef, Time};
-use crate::analysis::signal::record::TimeSource;
+use tirante_analysis::signal::record::TimeSource;
 
 /// Field of the time stamp of robots' messages (`std_msgs/Header`).
 const STAMP: &str = "header.stamp";

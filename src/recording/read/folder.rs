@@ -4,7 +4,7 @@ use super::SourceError;
 use super::mcap::{Item, Message, Progress, Reader};
 use super::verify::Trust;
 use super::wire::Fields;
-use crate::recording::part;
+use crate::part;
 use std::collections::{BTreeSet, HashMap};
 use std::fs::{self, File};
 use std::io::{BufReader, Read, Seek, SeekFrom};

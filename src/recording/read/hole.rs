@@ -1,7 +1,7 @@
 //! Holes of a recording: damage between two intact places.
 
-use crate::analysis::signal::record::Timestamp;
 use std::collections::BTreeSet;
+use tirante_analysis::signal::record::Timestamp;
 
 /// Most topics named in a sentence.
 const NAMED: usize = 8;

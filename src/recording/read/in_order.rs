@@ -12,12 +12,12 @@ mod window;
 
 use super::hole::Hole;
 use super::layout::Layout;
-use crate::analysis::signal::record::Timestamp;
 use index::{Order, WINDOW};
 use mcap::records::op;
 use merge::Merge;
 use std::collections::VecDeque;
 use std::io::{self, Read, Seek, SeekFrom};
+use tirante_analysis::signal::record::Timestamp;
 
 /// A file, or its pieces in another order.
 pub(super) struct InOrder<R> {

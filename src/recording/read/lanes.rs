@@ -1,8 +1,8 @@
 //! Events of a rod's sensors, each of which is read as a lane of its own: of one sensor as they are, of several as moments.
 
 use super::route::Rod;
-use crate::analysis::signal::record::{Event, Moment, Timestamp};
 use std::sync::Arc;
+use tirante_analysis::signal::record::{Event, Moment, Timestamp};
 
 /// An event of a rod, complete at a time, with the file that holds its last sample where several are read as one.
 pub(super) type Found = (Timestamp, Event, Option<Arc<str>>);

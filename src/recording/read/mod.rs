@@ -47,7 +47,7 @@ pub use self::stream::{Member, Stream};
 pub use self::summary::{Summary, TopicSummary};
 pub use self::tail::{Tail, TailEnd, Tails};
 pub use self::verify::Trust;
-pub use crate::analysis::signal::record::Event;
+pub use tirante_analysis::signal::record::Event;
 
 use std::io;
 use thiserror::Error;

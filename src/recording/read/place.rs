@@ -1,8 +1,8 @@
 //! The place in a recording at which an event was complete.
 
-use crate::analysis::signal::record::Timestamp;
-use crate::analysis::track::ordered::Reached;
 use std::sync::Arc;
+use tirante_analysis::signal::record::Timestamp;
+use tirante_analysis::track::ordered::Reached;
 
 /// Place of a record's end in its recording.
 #[derive(Debug, Clone)]

@@ -2,9 +2,9 @@
 
 use super::decode::{DecodeError, Decoder, SchemaRef};
 use super::mcap::ChannelInfo;
-use crate::analysis::signal::record::RodChannels;
 use std::collections::HashMap;
 use std::sync::Arc;
+use tirante_analysis::signal::record::RodChannels;
 
 /// Most bytes of all plans of a file.
 const MOST: usize = 16 << 20;

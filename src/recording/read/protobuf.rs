@@ -334,7 +334,7 @@ impl Target {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::write::{Encoding, Layout, Precision, message};
+    use crate::write::{Encoding, Layout, Precision, message};
     use prost_reflect::DynamicMessage;
 
     const PROTO: &str = r#"

@@ -8,7 +8,6 @@ use super::source::{Source, Step};
 use super::summary::Summary;
 use super::tail::{Tail, Tails};
 use super::{Place, SourceError};
-use crate::analysis::signal::record::{Event, RecordSettings, RodChannels, RodId, TimeSource, Timestamp};
 use std::convert::Infallible;
 use std::fs::{self, File};
 use std::io::{Read, Seek, SeekFrom};
@@ -17,6 +16,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
+use tirante_analysis::signal::record::{Event, RecordSettings, RodChannels, RodId, TimeSource, Timestamp};
 
 /// Options for following a file that still grows.
 #[derive(Debug, Clone)]

@@ -10,14 +10,14 @@ use super::route::{Rod, Router};
 use super::source::{Source, Step};
 use super::stream::{Stream, turn};
 use super::{Follow, Options, Parts, Recording, Series, SourceError, Summary};
-use crate::analysis::signal::record::{RecordSettings, RodChannels};
-use crate::recording::part;
+use crate::part;
 use std::cmp::Reverse;
 use std::collections::{HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
+use tirante_analysis::signal::record::{RecordSettings, RodChannels};
 
 /// Pause before a growing recording is read again.
 const FOLLOW_POLL: Duration = Duration::from_millis(200);

@@ -24,15 +24,15 @@ use super::recording::Block;
 use super::speakers::Speakers;
 use super::summary::TopicSummary;
 use super::tail::{Tail, Tails};
-use crate::analysis::signal::record::{
-    Assembler, Cut, Moments, RecordSettings, Rejection, RodChannels, RodId, Timestamp, Unit,
-};
-use crate::recording::note;
+use crate::note;
 use ahead::Ahead;
 use memory::WEIGHED_EVERY;
 use rod::Count;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
+use tirante_analysis::signal::record::{
+    Assembler, Cut, Moments, RecordSettings, Rejection, RodChannels, RodId, Timestamp, Unit,
+};
 
 /// Most bytes of all rods' samples that are not yet in a record, if nothing else is said; beyond, the longest
 /// stretch becomes a record.

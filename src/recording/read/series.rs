@@ -9,14 +9,14 @@ use super::mcap::{Damage, Progress, Reader};
 use super::route::{Listener, Ready, Router, Timed};
 use super::source::{Source, Step};
 use super::{Place, SourceError, Summary, TopicSummary, carry};
-use crate::analysis::signal::record::{Event, RecordSettings, RodChannels};
-use crate::analysis::track::ordered::Reached;
-use crate::recording::part;
+use crate::part;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::UNIX_EPOCH;
+use tirante_analysis::signal::record::{Event, RecordSettings, RodChannels};
+use tirante_analysis::track::ordered::Reached;
 
 /// Result of a part that was read to its end.
 #[derive(Debug)]

@@ -2,8 +2,8 @@
 //! all return events step by step.
 
 use super::Place;
-use crate::analysis::signal::record::Event;
 use std::sync::Arc;
+use tirante_analysis::signal::record::Event;
 
 /// Result of one step of reading. `F`: data about a file that was read to its end.
 #[derive(Debug)]

@@ -4,10 +4,10 @@ use super::folder::Span;
 use super::route::{Ready, Rod, Router, held};
 use super::tail::{Tail, Tails};
 use super::{Event, Place, Recording, Source, Step};
-use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};
 use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::sync::Arc;
+use tirante_analysis::signal::record::{RecordSettings, RodChannels, RodId};
 
 /// Largest overlap of consecutive files of one stream \[ns\]: messages at the seam come out of order.
 pub(super) const SEAM_NS: u64 = 1_000_000_000;

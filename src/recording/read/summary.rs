@@ -1,7 +1,7 @@
 //! Content of a recording and its faults, in sentences.
 
-use crate::analysis::signal::record::RodId;
 use std::collections::BTreeMap;
+use tirante_analysis::signal::record::RodId;
 
 /// Content of a recording.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

@@ -4,11 +4,11 @@ use super::carry::cut_by;
 use super::route::{Files, Rod, Router};
 use super::stream::SEAM_NS;
 use super::{Event, Place};
-use crate::analysis::signal::record::{Assembler, RecordSettings, RodChannels, RodId, Timestamp};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
+use tirante_analysis::signal::record::{Assembler, RecordSettings, RodChannels, RodId, Timestamp};
 
 /// Version of the encoding, raised whenever the content of an assembler changes its meaning.
 const VERSION: u32 = 2;

@@ -1,13 +1,13 @@
 //! Writes recordings as MCAP files, the same bytes for the same samples.
 
 use super::message::{self, Encoding, Layout, Precision};
-use crate::analysis::signal::record::{Timestamp, Unit};
-use crate::recording::atomic::AtomicFile;
+use crate::atomic::AtomicFile;
 use mcap::records::{MessageHeader, Metadata};
 use std::collections::BTreeMap;
 use std::io::{self, Seek, Write};
 use std::path::Path;
 use thiserror::Error;
+use tirante_analysis::signal::record::{Timestamp, Unit};
 
 /// Reason why a recording could not be written.
 #[derive(Debug, Error)]

@@ -8,7 +8,6 @@
 //!
 //! A sample that is not finite is a missing one: `null` in JSON, NaN in the others.
 
-use crate::analysis::signal::record::{Timestamp, Unit};
 use prost_reflect::prost::Message as _;
 use prost_reflect::prost::encoding;
 use prost_reflect::prost_types::field_descriptor_proto::{Label, Type};
@@ -17,6 +16,7 @@ use prost_reflect::prost_types::{
 };
 use re_cdr::{CdrWriter, LittleEndian};
 use std::io::Write as _;
+use tirante_analysis::signal::record::{Timestamp, Unit};
 
 /// Encoding of messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -401,7 +401,7 @@ impl Core {
 /// Puts an item into the site; returns the result if it is a new record.
 fn put(site: &mut Site, done: &Done, before: Option<[u8; 32]>) -> Result<Option<Taken>, StoreError> {
     match done {
-        Done::Event(analysed, place) => return site.take_event(analysed, Some(place.position()), before),
+        Done::Event(analysed, place) => return site.take_event(analysed, Some(place.into()), before),
         Done::Job(Job::Files { marks, carry, .. }) if !marks.is_empty() || !carry.is_empty() => {
             site.note(Note::Files { marks, carry })?;
         }

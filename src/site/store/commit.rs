@@ -81,14 +81,13 @@ pub struct Position<'a> {
     pub records: u64,
 }
 
-impl Place {
-    /// The place in the form of the store.
-    pub fn position(&self) -> Position<'_> {
+impl<'a> From<&'a Place> for Position<'a> {
+    fn from(place: &'a Place) -> Self {
         Position {
-            name: &self.file,
-            origin: &self.origin,
-            bytes: self.bytes,
-            records: self.records,
+            name: &place.file,
+            origin: &place.origin,
+            bytes: place.bytes,
+            records: place.records,
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::Table;
 use super::cells::{Splitter, guess, named, number};
 use super::layout::Layout;
-use crate::recording::import::ImportError;
+use crate::import::ImportError;
 
 /// Most columns.
 const COLUMNS: usize = 1024;

@@ -1,6 +1,6 @@
 //! Splits lines of a text table into cells: delimiter, quotes, and kinds of cells.
 
-use crate::recording::import::{ImportError, lines};
+use crate::import::{ImportError, lines};
 use csv_core::{ReadRecordResult, Reader, ReaderBuilder};
 
 /// Delimiter between the columns of most lines.
@@ -66,7 +66,7 @@ pub(super) fn named(delimiter: u8) -> String {
 }
 
 /// Splits lines into cells and removes quotes.
-pub(in crate::recording::import) struct Splitter {
+pub(in crate::import) struct Splitter {
     delimiter: u8,
     reader: Reader,
     text: Vec<u8>,
@@ -74,7 +74,7 @@ pub(in crate::recording::import) struct Splitter {
 }
 
 impl Splitter {
-    pub(in crate::recording::import) fn new(delimiter: u8) -> Self {
+    pub(in crate::import) fn new(delimiter: u8) -> Self {
         Self {
             delimiter,
             reader: ReaderBuilder::new().delimiter(delimiter).build(),
@@ -83,11 +83,7 @@ impl Splitter {
         }
     }
 
-    pub(in crate::recording::import) fn split(
-        &mut self,
-        line: &str,
-        number: u32,
-    ) -> Result<Vec<String>, ImportError> {
+    pub(in crate::import) fn split(&mut self, line: &str, number: u32) -> Result<Vec<String>, ImportError> {
         if line.trim().is_empty() {
             return Ok(Vec::new());
         }
@@ -130,14 +126,14 @@ pub(super) fn is_value(cell: &str, decimal_comma: bool) -> bool {
     number(cell, decimal_comma).is_some() || is_date
 }
 
-pub(in crate::recording::import) fn is_missing(cell: &str) -> bool {
+pub(in crate::import) fn is_missing(cell: &str) -> bool {
     cell.is_empty()
         || ["nan", "null", "na", "n/a"]
             .iter()
             .any(|word| cell.eq_ignore_ascii_case(word))
 }
 
-pub(in crate::recording::import) fn number(cell: &str, decimal_comma: bool) -> Option<f64> {
+pub(in crate::import) fn number(cell: &str, decimal_comma: bool) -> Option<f64> {
     if !decimal_comma {
         return cell.parse().ok();
     }

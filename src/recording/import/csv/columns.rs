@@ -3,10 +3,10 @@
 use super::cells::{is_missing, number};
 use super::layout::{Layout, is_blank};
 use super::{Table, Tabled, TimeColumn};
-use crate::recording::import::asked::tell_apart;
-use crate::recording::import::lines::shown;
-use crate::recording::import::stamp::{self, DateOrder, SINCE_2001, TimeUnit, Written};
-use crate::recording::import::{ImportError, MOST_VALUES, Signal, Stamps, Timing, is_time_name};
+use crate::import::asked::tell_apart;
+use crate::import::lines::shown;
+use crate::import::stamp::{self, DateOrder, SINCE_2001, TimeUnit, Written};
+use crate::import::{ImportError, MOST_VALUES, Signal, Stamps, Timing, is_time_name};
 use std::sync::Arc;
 
 /// State of a column while the table is read.

@@ -1,10 +1,10 @@
 //! Finds where the data of a text table begin, which columns are text, and the names in the lines above.
 
 use super::cells::{is_missing, is_value};
-use crate::analysis::signal::record::Unit;
-use crate::recording::import::heads::{some, split_head};
-use crate::recording::import::lines::shown;
-use crate::recording::import::{ImportError, TimeUnit, is_time_name};
+use crate::import::heads::{some, split_head};
+use crate::import::lines::shown;
+use crate::import::{ImportError, TimeUnit, is_time_name};
+use tirante_analysis::signal::record::Unit;
 
 /// Most lines of heads that have numbers.
 const HEADS: usize = 2;

@@ -1,10 +1,10 @@
 //! One segment of a LabVIEW measurement: its header, by channel, and its rows.
 
 use super::Header;
-use crate::analysis::signal::record::Timestamp;
-use crate::recording::import::lines::shown;
-use crate::recording::import::stamp::{self, TimeUnit};
-use crate::recording::import::{ImportError, Stamps};
+use crate::import::lines::shown;
+use crate::import::stamp::{self, TimeUnit};
+use crate::import::{ImportError, Stamps};
+use tirante_analysis::signal::record::Timestamp;
 
 /// Seconds from 1904, where LabVIEW's clock begins, to 1970.
 const SINCE_1904_S: i64 = 2_082_844_800;

@@ -1,7 +1,7 @@
 //! Tests of what a plan settles, and of its errors.
 
 use super::*;
-use crate::analysis::signal::record::{Channel, RodChannels, RodId, TimeSource};
+use tirante_analysis::signal::record::{Channel, RodChannels, RodId, TimeSource};
 
 fn signal(name: &str, unit: Option<&str>, timing: Timing) -> Signal {
     Signal {

@@ -2,11 +2,11 @@
 
 use super::Groups;
 use super::metadata::{Object, Objects, Property};
-use crate::analysis::signal::record::Timestamp;
-use crate::recording::import::stamp::{self, TimeUnit};
-use crate::recording::import::{ImportError, Signal, Stamps, Timing, is_time_name};
+use crate::import::stamp::{self, TimeUnit};
+use crate::import::{ImportError, Signal, Stamps, Timing, is_time_name};
 use std::collections::HashMap;
 use std::sync::Arc;
+use tirante_analysis::signal::record::Timestamp;
 
 /// Relative error of a step that is stored as a double.
 const ROUNDING: f64 = 1e-9;

@@ -2,7 +2,7 @@
 
 use super::CUT;
 use super::metadata::{Index, Objects, Type};
-use crate::recording::import::MOST_VALUES;
+use crate::import::MOST_VALUES;
 use std::io::Read;
 
 /// Number of bytes read at once.

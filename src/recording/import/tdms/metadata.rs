@@ -1,7 +1,7 @@
 //! The objects of a TDMS file: their paths, properties, and the raw data each has in a segment.
 
 use super::DAQMX;
-use crate::recording::import::numbers::Kind;
+use crate::import::numbers::Kind;
 use std::collections::HashMap;
 
 /// Most objects of a file.
@@ -225,7 +225,7 @@ fn names(path: &str) -> Result<Vec<String>, String> {
         let refuse = || {
             format!(
                 "{} is no path of an object: damaged",
-                crate::recording::import::lines::shown(path)
+                crate::import::lines::shown(path)
             )
         };
         rest = rest.strip_prefix("/'").ok_or_else(refuse)?;

@@ -1,9 +1,9 @@
 //! One pass over the bytes of a JSON message, which picks up samples and time at their paths.
 
 use super::number::{Number, digits, plain};
-use crate::recording::read::decode::PIECE;
-use crate::recording::read::path::{Found, into_field, into_item};
-use crate::recording::read::stamp;
+use crate::read::decode::PIECE;
+use crate::read::path::{Found, into_field, into_item};
+use crate::read::stamp;
 use serde::Deserialize;
 
 /// Deepest nesting accepted, so that no message can exhaust the stack.

@@ -1,11 +1,11 @@
 //! Records of one file, checked before any of them is handed out: definitions, chunks, messages, and their limits.
 
 use super::{ChannelInfo, Damage, Item, Message, Progress};
-use crate::recording::read::chunk::{BadChunk, ChunkReader, MAX_CHUNK};
-use crate::recording::read::decode::SchemaRef;
-use crate::recording::read::hole::Hole;
-use crate::recording::read::verify::Trust;
-use crate::recording::read::wire::Fields;
+use crate::read::chunk::{BadChunk, ChunkReader, MAX_CHUNK};
+use crate::read::decode::SchemaRef;
+use crate::read::hole::Hole;
+use crate::read::verify::Trust;
+use crate::read::wire::Fields;
 use mcap::records::op;
 use std::collections::HashMap;
 

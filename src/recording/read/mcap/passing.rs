@@ -2,8 +2,8 @@
 
 use super::Item;
 use super::contents::Contents;
-use crate::recording::read::hole::Hole;
-use crate::recording::read::wire::Fields;
+use crate::read::hole::Hole;
+use crate::read::wire::Fields;
 use mcap::records::op;
 
 /// Most holes of a file; reading stops beyond.

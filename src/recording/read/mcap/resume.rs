@@ -2,14 +2,14 @@
 
 use super::passing::MOST_HOLES;
 use super::{Damage, MAX_RECORD, Progress, Reader, framing_of};
-use crate::recording::read::hole::Hole;
-use crate::recording::read::known::{HEAD, Region};
+use crate::read::hole::Hole;
+use crate::read::known::{HEAD, Region};
 use mcap::records::op;
 use mcap::sans_io::linear_reader::LinearReaderOptions;
 use std::io::Read;
 
 /// Way on behind a step.
-pub(in crate::recording::read) enum Next {
+pub(in crate::read) enum Next {
     /// None but the outcome of the step.
     Is(Result<Progress, Damage>),
     /// The input is to be read on from this byte.
@@ -29,7 +29,7 @@ struct Resumed {
 
 impl<R: Read> Reader<R> {
     /// Way on behind a step with this outcome. What could not be believed, only not be read, is left out as a hole; a contradiction is the end.
-    pub(in crate::recording::read) fn go_on(&mut self, outcome: Result<Progress, Damage>) -> Next {
+    pub(in crate::read) fn go_on(&mut self, outcome: Result<Progress, Damage>) -> Next {
         let what = match &outcome {
             Err(damage) if self.contents.is_passable => damage.what.clone(),
             Ok(Progress::Truncated) => "a record is longer than the rest of the file".to_owned(),

@@ -1,6 +1,6 @@
 //! Numbers and bytes on the wire of a protobuf message.
 
-use crate::recording::read::decode::DecodeError;
+use crate::read::decode::DecodeError;
 use prost_reflect::Kind;
 use prost_reflect::prost::encoding::{WireType, decode_varint};
 

@@ -2,8 +2,8 @@
 //! records before them are taken.
 
 use super::{MOST_READY, Router};
-use crate::recording::read::decode::PIECE;
-use crate::recording::read::mcap::Message;
+use crate::read::decode::PIECE;
+use crate::read::mcap::Message;
 use std::collections::VecDeque;
 use std::sync::Arc;
 

@@ -1,8 +1,8 @@
 //! Contents of a file as counted: messages and samples by topic and rod, and what is missing.
 
 use super::{Rod, Router};
-use crate::analysis::signal::record::Channel;
-use crate::recording::read::summary::{Summary, TopicSummary};
+use crate::read::summary::{Summary, TopicSummary};
+use tirante_analysis::signal::record::Channel;
 
 impl Router {
     /// Topics so far.

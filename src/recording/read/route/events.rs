@@ -1,10 +1,10 @@
 //! Events of a file's rods: collected in order, each with the times up to which all rods have been read, and ended with the file.
 
 use super::{Ready, Router, Timed};
-use crate::analysis::signal::record::Event;
-use crate::analysis::track::ordered::Reached;
-use crate::recording::read::lanes::{self, Found};
+use crate::read::lanes::{self, Found};
 use std::sync::Arc;
+use tirante_analysis::signal::record::Event;
+use tirante_analysis::track::ordered::Reached;
 
 impl Router {
     /// Moves the events so far to `to`.

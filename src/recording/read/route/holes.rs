@@ -2,8 +2,8 @@
 
 use super::super::hole::Hole;
 use super::Router;
-use crate::analysis::signal::record::Rejection;
 use std::collections::BTreeSet;
+use tirante_analysis::signal::record::Rejection;
 
 impl Router {
     /// Takes the clauses on damage that are not told.

@@ -1,9 +1,9 @@
 //! Rods that go on where an earlier file ended, and leave their open samples to the next.
 
 use super::{Ready, Rod, Route, Router, held};
-use crate::analysis::signal::record::RodId;
-use crate::recording::read::tail::{Tail, Tails};
+use crate::read::tail::{Tail, Tails};
 use std::sync::Arc;
+use tirante_analysis::signal::record::RodId;
 
 /// Most bytes of samples that a rod leaves open; a longer record ends with its file.
 const MOST_OPEN: usize = 8 << 20;

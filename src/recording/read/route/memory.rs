@@ -1,14 +1,14 @@
 //! Bound on the samples of all rods that are in no record yet.
 
 use super::{Rod, Router};
-use crate::recording::read::lanes;
+use crate::read::lanes;
 use std::cmp::Reverse;
 
 /// Growth of the rods' samples after which their memory is checked again \[bytes\].
 pub(super) const WEIGHED_EVERY: usize = 1 << 20;
 
 /// Bytes of rods' samples that are not yet in a record or a moment.
-pub(in crate::recording::read) fn held(rods: &[Rod]) -> usize {
+pub(in crate::read) fn held(rods: &[Rod]) -> usize {
     rods.iter().map(|rod| rod.assembler.held() + rod.waiting()).sum()
 }
 

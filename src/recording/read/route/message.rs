@@ -1,11 +1,11 @@
 //! A message into the samples of a rod.
 
 use super::rod::{Count, Rod};
-use crate::analysis::signal::record::{TimeSource, Timestamp};
-use crate::recording::read::decode::{DecodeError, Decoded, PIECE, Time};
-use crate::recording::read::mcap::Message;
-use crate::recording::read::plans::Route;
+use crate::read::decode::{DecodeError, Decoded, PIECE, Time};
+use crate::read::mcap::Message;
+use crate::read::plans::Route;
 use std::sync::Arc;
+use tirante_analysis::signal::record::{TimeSource, Timestamp};
 
 /// Nanoseconds of a time that counts whole seconds, milliseconds or microseconds: programs write 1772344800.0 as 1772344800. Nanoseconds
 /// since 1970 it cannot be if in such a unit it lies within a day of the time at which it was logged.

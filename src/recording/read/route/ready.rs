@@ -5,7 +5,7 @@ use std::collections::{VecDeque, vec_deque};
 
 /// Events that are ready to be taken, first come, first served.
 #[derive(Debug, Default)]
-pub(in crate::recording::read) struct Ready {
+pub(in crate::read) struct Ready {
     events: VecDeque<Timed>,
     /// Bytes of their samples, counted as they come and go: a chunk may hold very many small records.
     bytes: usize,

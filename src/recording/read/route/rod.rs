@@ -1,8 +1,8 @@
 //! A rod while its files are read: its samples, where they came from, and what a file gave.
 
-use crate::analysis::signal::record::{Assembler, Event, Moments, Rejection, RodChannels, Timestamp};
 use std::collections::VecDeque;
 use std::sync::Arc;
+use tirante_analysis::signal::record::{Assembler, Event, Moments, Rejection, RodChannels, Timestamp};
 
 /// Error of a time that was computed from a length \[s\]: far below the interval of samples.
 const ROUNDED_S: f64 = 1e-6;
@@ -15,29 +15,29 @@ pub(super) struct Count {
 }
 
 /// A rod with one sensor, or one sensor of a rod with several: these are next to each other.
-pub(in crate::recording::read) struct Rod {
+pub(in crate::read) struct Rod {
     /// Channels of the lane.
-    pub(in crate::recording::read) config: RodChannels,
+    pub(in crate::read) config: RodChannels,
     /// Number of its sensor, from 0.
-    pub(in crate::recording::read) sensor: usize,
+    pub(in crate::read) sensor: usize,
     /// Moments of the rod's sensors, with the first of several.
-    pub(in crate::recording::read) moments: Option<Moments>,
-    pub(in crate::recording::read) assembler: Assembler,
+    pub(in crate::read) moments: Option<Moments>,
+    pub(in crate::read) assembler: Assembler,
     /// Indices of the streams of its last sample and of its last temperature.
     pub(super) fed_by: [Option<usize>; 2],
     /// True if it ever had samples.
-    pub(in crate::recording::read) is_followed: bool,
-    pub(in crate::recording::read) files: Files,
+    pub(in crate::read) is_followed: bool,
+    pub(in crate::read) files: Files,
     /// Log time of its latest message with samples \[ns\].
-    pub(in crate::recording::read) to: u64,
+    pub(in crate::read) to: u64,
     /// True if it had samples in the file that is read, with the first lane of the rod.
-    pub(in crate::recording::read) is_begun: bool,
+    pub(in crate::read) is_begun: bool,
     /// True if it had temperatures in it that the next file takes over, with the first lane of the rod.
-    pub(in crate::recording::read) is_warmed: bool,
+    pub(in crate::read) is_warmed: bool,
     /// True if its samples and its readings come in one file, with the first lane of the rod.
-    pub(in crate::recording::read) is_together: bool,
+    pub(in crate::read) is_together: bool,
     /// True if it went on with open samples of an earlier file, with the first lane of the rod.
-    pub(in crate::recording::read) is_continued: bool,
+    pub(in crate::read) is_continued: bool,
 }
 
 /// Most files of a rod that are remembered: beyond, a record waited for its temperature over as many files.
@@ -45,12 +45,12 @@ const FILES: usize = 16;
 
 /// Latest files that gave a rod's samples, the latest first, each with the time of its first sample.
 #[derive(Default)]
-pub(in crate::recording::read) struct Files(VecDeque<(Arc<str>, Timestamp)>);
+pub(in crate::read) struct Files(VecDeque<(Arc<str>, Timestamp)>);
 
 impl Files {
     /// Notes samples of a file.
     #[inline]
-    pub(in crate::recording::read) fn note(&mut self, file: Option<&Arc<str>>, time: Timestamp) {
+    pub(in crate::read) fn note(&mut self, file: Option<&Arc<str>>, time: Timestamp) {
         if let Some(file) = file
             && !self
                 .0
@@ -68,7 +68,7 @@ impl Files {
     }
 
     /// The file that holds an event's last sample.
-    pub(in crate::recording::read) fn of(&self, event: &Event) -> Option<Arc<str>> {
+    pub(in crate::read) fn of(&self, event: &Event) -> Option<Arc<str>> {
         let end = match event {
             Event::Record(record) => {
                 let last = record.samples.len().saturating_sub(1) as f64;

@@ -1,8 +1,8 @@
 //! Streams of a journal: what each fed last, and what its end ends.
 
 use super::{Rod, Router};
-use crate::recording::note::{Note, State};
-use crate::recording::read::plans::Plans;
+use crate::note::{Note, State};
+use crate::read::plans::Plans;
 
 impl Router {
     /// Handles a journal's note: another journal ends everything, a stream that ended ends its rods' records.
@@ -58,7 +58,7 @@ impl Router {
     }
 
     /// Index of a stream.
-    pub(in crate::recording::read) fn stream(&mut self, name: &str) -> usize {
+    pub(in crate::read) fn stream(&mut self, name: &str) -> usize {
         self.stream_numbers.get(name).copied().unwrap_or_else(|| {
             self.stream_numbers.insert(name.to_owned(), self.streams.len());
             self.streams.push(name.to_owned());
@@ -67,13 +67,13 @@ impl Router {
     }
 
     /// Names of the streams that last fed a rod.
-    pub(in crate::recording::read) fn fed_by(&self, rod: &Rod) -> [Option<String>; 2] {
+    pub(in crate::read) fn fed_by(&self, rod: &Rod) -> [Option<String>; 2] {
         rod.fed_by
             .map(|stream| stream.and_then(|stream| self.streams.get(stream).cloned()))
     }
 
     /// Notes which streams last fed a rod.
-    pub(in crate::recording::read) fn set_fed_by(&mut self, at: usize, names: [Option<String>; 2]) {
+    pub(in crate::read) fn set_fed_by(&mut self, at: usize, names: [Option<String>; 2]) {
         let streams = names.map(|name| name.map(|name| self.stream(&name)));
         if let Some(rod) = self.rods.get_mut(at) {
             rod.fed_by = streams;

@@ -5,12 +5,13 @@
 //! A finished stretch is put on an even axis, cut as configured and checked.
 
 mod messages;
+mod readings;
 mod records;
 
 use super::onset;
 use super::temperature::Temperature;
 use super::timing::{Stray, Stretch};
-use super::{Cut, Event, Reading, Record, RecordSettings, Rejection, RodId, Timestamp};
+use super::{Cut, Event, Record, RecordSettings, Rejection, RodId, Timestamp};
 use messages::Place;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -228,30 +229,6 @@ impl Assembler {
         self.reject(start, duration_s, rejection);
     }
 
-    /// Takes a temperature \[degC\].
-    pub fn push_temperature(&mut self, time: Timestamp, celsius: f64) {
-        if let Some(temperature) = &mut self.temperature {
-            temperature.push(time, celsius);
-        }
-        self.release(false);
-    }
-
-    /// Takes over the temperatures of `other`, which came later than its own.
-    pub fn append_temperatures(&mut self, other: &mut Self) {
-        if let (Some(own), Some(later)) = (&mut self.temperature, &mut other.temperature) {
-            own.append(std::mem::take(later));
-        }
-        self.release(false);
-    }
-
-    /// Temperature readings up to `until` that belong to no record: between the last record and the end of
-    /// the stream, or beside rejected stretches. None is returned twice.
-    pub fn leftover(&mut self, until: Timestamp) -> Vec<Reading> {
-        self.temperature
-            .as_mut()
-            .map_or_else(Vec::new, |readings| readings.take(until))
-    }
-
     /// Events so far, taken out.
     pub fn events(&mut self) -> impl Iterator<Item = Event> {
         self.timed_events().map(|(_, event)| event)
@@ -260,16 +237,6 @@ impl Assembler {
     /// The same, each with its completion time: the latest stamp of the stretch it was cut from.
     pub fn timed_events(&mut self) -> std::vec::Drain<'_, (Timestamp, Event)> {
         self.events.drain(..)
-    }
-
-    /// Makes an event of the readings at the end of the stream that belong to no record.
-    pub fn tell_leftover(&mut self) {
-        let readings = self.leftover(Timestamp::MAX);
-        if let Some(last) = readings.last() {
-            let at = last.time.max(Timestamp::from_nanos(self.at));
-            let rod = self.rod.clone();
-            self.events.push((at, Event::Readings { rod, readings }));
-        }
     }
 
     /// Reports a rejection without samples.
@@ -332,19 +299,6 @@ impl Assembler {
         Some(Timestamp::from_nanos(
             pending.unwrap_or_else(|| self.at.saturating_add(1)),
         ))
-    }
-
-    /// True if it has readings.
-    pub fn has_readings(&self) -> bool {
-        self.temperature.as_ref().is_some_and(Temperature::has_any)
-    }
-
-    /// Starts again after [`Assembler::finish`] with the readings of the latest day.
-    pub fn remember(&mut self) {
-        self.renew(true);
-        if let Some(readings) = &mut self.temperature {
-            readings.remember();
-        }
     }
 
     /// Ends the stream. With `cut_short`, the last record may be incomplete.

@@ -9,6 +9,7 @@ mod lane;
 mod listing;
 mod scan;
 mod span;
+mod waits;
 
 use self::awaiting::Awaiting;
 pub(super) use self::begun::BEGUN_UNDER;
@@ -18,6 +19,7 @@ use self::joins::{Ended, Joins};
 use self::lane::{Lane, Stamp, has_end, stamp};
 use self::listing::name_of;
 use self::span::Spanned;
+pub(super) use self::waits::Waits;
 use super::remembered::Remembered;
 use super::supervision::Watch;
 use crate::analysis::signal::record::{RecordSettings, RodChannels, RodId};
@@ -88,17 +90,6 @@ pub(super) struct Folder {
     crowded: usize,
     /// True at the start, until all finished files present then are read.
     catches_up: bool,
-}
-
-/// Times for which the folder waits.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Waits {
-    /// Without growth, until a recording counts as cut short.
-    pub settle: Duration,
-    /// For the file that goes on with open samples.
-    pub join: Duration,
-    /// For the readings of a thermometer that writes files of its own.
-    pub readings: Duration,
 }
 
 /// Step of the folder.
@@ -197,12 +188,12 @@ impl Folder {
         &mut self,
         channels: &[RodChannels],
         settings: &RecordSettings,
-        readings: Duration,
+        readings_s: f64,
     ) -> impl Iterator<Item = FolderStep> + use<> {
         let growing = self.growing.iter().flat_map(Lane::taken);
         let taken = self.finished.iter().flat_map(Group::taken).chain(growing);
         self.joins.give_back(taken);
-        self.waits.readings = readings;
+        self.waits.set_readings(readings_s);
         let ended = self.joins.change(channels, settings);
         self.tell(ended, Vec::new());
         channels.clone_into(&mut self.channels);

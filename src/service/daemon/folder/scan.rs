@@ -128,10 +128,6 @@ impl Folder {
                 topics.join(", ")
             );
         }
-        for (name, file) in due {
-            self.queue.insert((file.begins, name.clone()));
-            self.queued.insert(name, file.stamp);
-        }
         // A name that is gone may come back as another file.
         self.failed.retain(|name, _| is_there(name));
         self.postponed.retain(is_there);
@@ -149,6 +145,9 @@ impl Folder {
             .joins
             .begun
             .forget_if(|label, _| !name_of(label).is_some_and(|name| is_there(&name)));
+        for (name, file) in due {
+            self.enqueue(name, file.begins, file.stamp);
+        }
         self.tell(
             Ended {
                 kept,
@@ -156,6 +155,12 @@ impl Folder {
             },
             Vec::new(),
         );
+    }
+
+    /// Queues a finished file whose first message was logged at `begins` \[ns\].
+    fn enqueue(&mut self, name: OsString, begins: u64, stamp: Stamp) {
+        self.queue.insert((begins, name.clone()));
+        self.queued.insert(name, stamp);
     }
 
     fn found(&mut self, name: &OsStr, stamp: Stamp, data: &Metadata) {
@@ -191,9 +196,7 @@ impl Folder {
         if has_end(&file) || has_rested {
             let time = first_time(&file).unwrap_or(u64::MAX);
             if self.finishing.contains(name) || self.channels.iter().all(|rod| rod.temperature.is_none()) {
-                self.queue.insert((time, name.to_owned()));
-                self.queued.insert(name.to_owned(), stamp);
-                return;
+                return self.enqueue(name.to_owned(), time, stamp);
             }
             // At the start a file has waited since it was written.
             let waited = age.filter(|_| self.catches_up).unwrap_or_default();

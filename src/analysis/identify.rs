@@ -285,6 +285,36 @@ impl Plan {
         }
     }
 
+    /// Searches a record for its resonances, whatever the labels and the force: the part of [`Plan::run`] that needs its samples.
+    ///
+    /// # Errors
+    /// The reason why it cannot be searched.
+    pub fn search(&self, record: &Record) -> Result<Evidence, Rejection> {
+        let (low_hz, high_hz) = self.band_hz();
+        self.modal.search().evidence(record, low_hz, high_hz)
+    }
+
+    /// Analyses a record whose search was done before, by a plan that searches as this one: its resonances and motion are those
+    /// found then. Equal to [`Plan::run`] of the record.
+    ///
+    /// # Errors
+    /// The reason why the record gives no force, with its findings.
+    pub fn run_searched(
+        &self,
+        record: &Record,
+        resonances: Vec<Resonance>,
+        motion: Motion,
+    ) -> Result<Identification, Refusal> {
+        let (low_hz, high_hz) = self.band_hz();
+        let spectrum = self.modal.search().spectrum(record, low_hz, high_hz)?;
+        let evidence = Evidence {
+            spectrum,
+            resonances,
+            motion,
+        };
+        self.run_again(Measurement::new(record, record.identity(), evidence))
+    }
+
     /// Band in which records are searched for the rod's peaks \[Hz\].
     pub fn band_hz(&self) -> (f64, f64) {
         self.modal.labels().band_hz()

@@ -10,7 +10,7 @@ use crate::analysis::outcome::Outcome;
 use crate::analysis::signal::record::{Rejection, RodChannels, RodId, Timestamp, is_one_motion};
 use crate::config::Config;
 use crate::recording::read::{self, Recordings, SourceError, Step, Summary};
-use crate::site::analyse::{Analysed, Known, LastSeen};
+use crate::site::analyse::{Analysed, LastSeen};
 use crate::site::driver::{self, Done, Held, Job, Taker};
 use crate::site::motion;
 use crate::site::ordered_map::Limits;
@@ -193,7 +193,7 @@ impl<F> OnEvent for F where
 }
 
 /// Runs every record of `paths` (files, or folders of them) through its rod's plan and hands the results to
-/// `on_event` in the order of event time. Reports losses on stderr. `None` if the reader of stdout has seen
+/// `on_event` in the order of event time; `work` does what needs no order. Reports losses on stderr. `None` if the reader of stdout has seen
 /// enough (`| head`). A record with the same data as one before (a copied or renamed file), or one of
 /// `known`, is counted and left out.
 ///
@@ -205,7 +205,7 @@ pub fn run(
     plans: &Arc<Plans>,
     reading: &Reading,
     others: Others,
-    known: &Known,
+    work: impl Fn(Job) -> Done + Sync,
     on_event: impl OnEvent,
 ) -> anyhow::Result<Option<Tally>> {
     let files = in_order(read::recordings(paths), &others.how);
@@ -258,7 +258,7 @@ pub fn run(
         workers,
         weight: SAMPLES_IN_FLIGHT,
     };
-    driver::run(jobs, limits, |job| driver::work(job, known), &mut delivery);
+    driver::run(jobs, limits, work, &mut delivery);
     if delivery.failure.is_none() {
         let rest = delivery.held.rest();
         // The error, if any, is in `failure`.

@@ -20,6 +20,7 @@ use crate::analysis::signal::modes::Mode;
 use crate::command::which_store::Output;
 use crate::config::Config;
 use crate::site::analyse::{Analysed, Known};
+use crate::site::driver;
 use crate::site::prepared::{Plans, provenance};
 use crate::site::record_row::RecordRow;
 use crate::site::store::Position;
@@ -186,7 +187,15 @@ fn from_recordings(args: &Args) -> anyhow::Result<ExitCode> {
         }
         Ok(Became::New)
     };
-    let tally = campaign::run(&args.paths, &config, &plans, &reading, others, &known, on_event)?;
+    let tally = campaign::run(
+        &args.paths,
+        &config,
+        &plans,
+        &reading,
+        others,
+        driver::knowing(&known),
+        on_event,
+    )?;
     let code = campaign::conclude(tally);
     Ok(match refused_with_tests && code == ExitCode::SUCCESS {
         true => ExitCode::from(WITH_LOSSES),
@@ -238,7 +247,7 @@ fn tests_of(args: &Args, config: &Config, plan: &Plan) -> anyhow::Result<Option<
             &plans,
             &Reading::default(),
             others,
-            &Known::new(),
+            driver::knowing(&Known::new()),
             on_event,
         )?;
         if let Some(tally) = tally {

@@ -22,6 +22,7 @@ use crate::config::Config;
 use crate::recording::import::{self, Format, How, TimeUnit};
 use crate::recording::read::contents::Content;
 use crate::site::analyse::Analysed;
+use crate::site::driver;
 use crate::site::records::Others;
 use crate::site::store::Position;
 use std::io::{self, BufRead, Write};
@@ -156,7 +157,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         &generation.plans,
         &Reading::default(),
         others,
-        &site.store().all_known().clone(),
+        driver::knowing(&site.store().all_known().clone()),
         |analysed: &Analysed, place: Option<Position<'_>>, _: Option<[u8; 32]>, bar: &Progress| {
             if let Analysed::Record(outcome) = analysed {
                 records += 1;

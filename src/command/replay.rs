@@ -21,6 +21,7 @@ use crate::recording::atomic::AtomicFile;
 use crate::recording::write::Encoding;
 use crate::service::viewer::{Message, ResultsWriter};
 use crate::site::analyse::Analysed;
+use crate::site::driver;
 use crate::site::pictures::Pictures;
 use crate::site::record_row::RecordRow;
 use crate::site::store::Position;
@@ -199,7 +200,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             plans,
             &args.reading,
             args.foreign.among(&args.setup, false),
-            &known,
+            driver::knowing(&known),
             on_event,
         )?,
     };

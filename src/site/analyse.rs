@@ -96,6 +96,16 @@ pub fn known_by(event: &Event, known: &Known) -> Option<[u8; 32]> {
 /// Runs an event's record or moment through its rod's plan, unless it is one of `known`. A panic of the analysis is a
 /// rejection like any other: every record ends as a force or as a reason.
 pub fn analyse(event: Event, plans: &BTreeMap<RodId, Plan>, known: &Known) -> Analysed {
+    analyse_by(event, plans, known, Plan::run)
+}
+
+/// [`analyse`] with a way of its own to run a record of one sensor through its plan, which gives the same.
+pub fn analyse_by(
+    event: Event,
+    plans: &BTreeMap<RodId, Plan>,
+    known: &Known,
+    run: impl Fn(&Plan, &Record) -> Result<Identification, Refusal>,
+) -> Analysed {
     if let Some(identity) = known_by(&event, known) {
         return Analysed::Known(event.rod().clone(), identity);
     }
@@ -106,7 +116,7 @@ pub fn analyse(event: Event, plans: &BTreeMap<RodId, Plan>, known: &Known) -> An
     };
     let (found, sensors) = match &event {
         Event::Rejected { .. } | Event::Readings { .. } => (None, None),
-        Event::Record(record) => (Some(caught(|| plan(&record.rod).run(record))), None),
+        Event::Record(record) => (Some(caught(|| run(plan(&record.rod), record))), None),
         Event::Moment(moment) if event.record().is_none() => {
             (None, Some(plan(&moment.rod).sensors_unused(moment, "")))
         }

@@ -249,6 +249,95 @@ fn an_array_killed_at_random_ends_row_by_row_in_what_replays_write() {
 }
 
 #[test]
+fn a_site_searched_in_parts_ends_in_the_bytes_of_its_own_task() {
+    let site = fleet();
+    let tasks = planned(&site, "archive --configs configs", "plan.jsonl");
+    let cost_s = |task: &Json| task["cost_s"].as_f64().unwrap();
+    // The costliest site alone, in four.
+    let longest_s = (0.3 * cost_s(&tasks[0])).max(cost_s(&tasks[1]));
+    let line = format!("archive --configs configs --split {longest_s}");
+    let parts = planned(&site, &line, "parts.jsonl");
+    assert!(
+        parts.len() > 1 && parts.iter().all(|part| part["site"] == "badia"),
+        "{parts:?}"
+    );
+    let told = tirante(
+        &site.folder,
+        "fleet plan archive --configs configs --split 1e6 --out none.jsonl",
+    )
+    .done();
+    assert!(
+        told.contains("no site is expected to cost more than 1000000 s")
+            && told.contains("none.jsonl is not written"),
+        "{told}"
+    );
+    assert!(!site.path("none.jsonl").exists());
+    tirante(
+        &site.folder,
+        "fleet collect parts.jsonl --results results --out fleet.db",
+    )
+    .ends(2)
+    .says(&["parts.jsonl: a plan of parts", "without --split"]);
+
+    array(&site, "slurm", "plan.jsonl", "whole").done();
+    let whole = fs::read(site.path(&result(&tasks[0], "whole"))).unwrap();
+    let of_site = |results: &str| {
+        let said = tirante(
+            &site.folder,
+            &format!("fleet task plan.jsonl --index 0 --out {results}"),
+        );
+        assert_eq!(said.code, Some(0), "{said:?}");
+        assert!(
+            fs::read(site.path(&result(&tasks[0], results))).unwrap() == whole,
+            "{results}"
+        );
+        let left = fs::read_dir(site.path(&format!("{results}/badia"))).unwrap();
+        assert_eq!(left.count(), 1, "{results}: the result alone stays");
+        said
+    };
+    let searched = |said: &Said| {
+        let (before, _) = said.out.split_once(" searched in parts").unwrap_or(("0", ""));
+        before.rsplit(' ').next().unwrap().parse::<usize>().unwrap()
+    };
+    // All parts; one of them not there; one damaged; none.
+    let ran = array(&site, "slurm", "parts.jsonl", "all").done();
+    let shares: Vec<usize> = ran
+        .lines()
+        .filter_map(|line| line.split_once(" records searched, "))
+        .map(|(before, _)| before.rsplit(' ').next().unwrap().parse().unwrap())
+        .collect();
+    let sum: usize = shares.iter().sum();
+    assert!(
+        shares.len() == parts.len() && shares.iter().all(|share| 2 * share * parts.len() > sum),
+        "{shares:?}"
+    );
+    let name = |number: usize| {
+        let result = tasks[0]["result"].as_str().unwrap();
+        format!("badia/{result}.part-{number}-of-{}", parts.len())
+    };
+    for (results, keep) in [("one", 1), ("flipped", parts.len())] {
+        fs::create_dir_all(site.path(&format!("{results}/badia"))).unwrap();
+        for number in 0..keep {
+            let mut bytes = fs::read(site.path(&format!("all/{}", name(number)))).unwrap();
+            if results == "flipped" && number == 0 {
+                let middle = bytes.len() / 2;
+                bytes[middle] ^= 1;
+            }
+            fs::write(site.path(&format!("{results}/{}", name(number))), bytes).unwrap();
+        }
+    }
+    assert_eq!(searched(&of_site("all")), sum);
+    assert_eq!(searched(&of_site("one")), shares[0]);
+    assert_eq!(searched(&of_site("none")), 0);
+    let site_of_flipped = tirante(&site.folder, "fleet task plan.jsonl --index 0 --out flipped");
+    let flipped = site_of_flipped
+        .ends(0)
+        .says(&[&format!("{}: it is damaged", name(0)), "are searched again"]);
+    assert_eq!(searched(&flipped), sum - shares[0]);
+    assert!(fs::read(site.path(&result(&tasks[0], "flipped"))).unwrap() == whole);
+}
+
+#[test]
 fn the_index_is_that_of_the_one_scheduler_there_is() {
     let site = Site::new(SITE);
     fs::create_dir_all(site.path("configs")).unwrap();

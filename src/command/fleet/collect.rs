@@ -1,7 +1,7 @@
 //! `tirante fleet collect`: the results of all tasks in one database.
 
 use super::super::progress::{Progress, size};
-use super::super::{WITH_LOSSES, print};
+use super::super::{BadArguments, WITH_LOSSES, print};
 use super::refused;
 use crate::site::fleet::collect::into_one;
 use crate::site::fleet::task::{self as plan, Task};
@@ -50,6 +50,15 @@ pub struct Args {
 /// The plan or a result cannot be read, or the files cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let tasks = plan::read(&args.plan, None).map_err(refused)?;
+    if let Some(task) = tasks.iter().find(|task| task.part.is_some()) {
+        return Err(BadArguments(format!(
+            "{}: a plan of parts (task {}, site {}): collect the plan of the sites, made without --split",
+            args.plan.display(),
+            task.index,
+            task.site
+        ))
+        .into());
+    }
     let (there, missing): (Vec<&Task>, Vec<&Task>) = tasks
         .iter()
         .partition(|task| task.result_in(&args.results).is_file());

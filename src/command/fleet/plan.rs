@@ -4,8 +4,8 @@ use super::super::BadArguments;
 use super::super::progress::size;
 use crate::recording::atomic::AtomicFile;
 use crate::site::fleet::identity::Thoroughness;
-use crate::site::fleet::plan::{Wanted, plan};
-use crate::site::fleet::task::Input;
+use crate::site::fleet::plan::{Wanted, parts, plan};
+use crate::site::fleet::task::{Input, Task};
 use anyhow::Context;
 use std::io::Write;
 use std::path::PathBuf;
@@ -23,6 +23,8 @@ use std::process::ExitCode;
   tirante fleet plan /archive --configs /configs --out two.jsonl \\
       --site duomo --site badia
   tirante fleet plan results --from-stores --configs /new --out again.jsonl
+  tirante fleet plan /archive --configs /configs --split 3600 \\
+      --out parts.jsonl
 
 A file is known by its size and the SHA-256 of its first and last 64 KiB
 (`ends:`): a finished MCAP file ends with its statistics and checksums. Bytes
@@ -50,9 +52,22 @@ pub struct Args {
     #[arg(long)]
     pub from_stores: bool,
 
+    /// Make tasks of parts instead, for each site that is expected to cost more than so many seconds of processor: each
+    /// part searches a share of its records. Run them before the plan of the sites, with the same --out: the site's own
+    /// task takes what the parts found, and its result is the same with and without them.
+    #[arg(long, value_name = "SECONDS", conflicts_with = "from_stores", value_parser = seconds)]
+    pub split: Option<f64>,
+
     /// Read every byte of every file.
     #[arg(long)]
     pub thorough: bool,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
+        _ => Err("a time in seconds above 0, such as 3600".to_owned()),
+    }
 }
 
 /// Runs the command.
@@ -73,7 +88,18 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             false => Thoroughness::Ends,
         },
     };
-    let tasks = plan(&wanted).map_err(|faults| BadArguments(faults.join("\n")))?;
+    let mut tasks = plan(&wanted).map_err(|faults| BadArguments(faults.join("\n")))?;
+    if let Some(longest_s) = args.split {
+        let longest = tasks.first().map_or(0.0, |task| task.cost_s);
+        tasks = parts(&tasks, longest_s);
+        if tasks.is_empty() {
+            let line = format!(
+                "no site is expected to cost more than {longest_s} s, the costliest {longest:.0} s: nothing to split, {} is not written\n",
+                args.out.display()
+            );
+            return super::super::print(line.as_bytes());
+        }
+    }
     let write = || -> std::io::Result<()> {
         let mut file = AtomicFile::create(&args.out)?;
         for task in &tasks {
@@ -83,8 +109,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         file.commit()
     };
     write().with_context(|| format!("--out {}", args.out.display()))?;
-    let files: usize = tasks.iter().map(|task| task.files.len()).sum();
-    let bytes: u64 = tasks.iter().map(|task| task.bytes).sum();
+    // Parts of a site are told as one, as they read the same files.
+    let is_first = |task: &&Task| task.part.is_none_or(|part| part.number == 0);
+    let files: usize = tasks.iter().filter(is_first).map(|task| task.files.len()).sum();
+    let bytes: u64 = tasks.iter().filter(is_first).map(|task| task.bytes).sum();
     let cost_h = tasks.iter().map(|task| task.cost_s).sum::<f64>() / 3600.0;
     let longest = tasks.first().map_or(0.0, |task| task.cost_s / 3600.0);
     let last = tasks.len().saturating_sub(1);

@@ -9,6 +9,8 @@ use super::super::{BadArguments, print};
 use super::{place, refused};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::site::analyse::Analysed;
+use crate::site::driver;
+use crate::site::fleet::part::{self, Part, Parts};
 use crate::site::fleet::task::{self as plan, Input, Task};
 use crate::site::pictures::Pictures;
 use crate::site::records::Others;
@@ -109,7 +111,24 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     fs::create_dir_all(scratch).with_context(|| format!("--scratch {}", scratch.display()))?;
     let work = scratch.join(format!(".{site}-{}.tmp", task.result));
     let begun = Instant::now();
-    let tally = analyse(&task, &work, args.threads)?;
+    if let Some(part) = task.part {
+        return search(&task, part, &work, &result, args.threads);
+    }
+    // On a file system that lists nothing, all is searched here.
+    let parts = Parts::open(&folder, &task.result, |path, why| {
+        tell!(
+            "warning: {}: {why}: its records are searched again",
+            path.display()
+        );
+    })
+    .unwrap_or_default();
+    if !parts.is_empty() {
+        tell!(
+            "task {index}, site {site}: {} records were searched in parts",
+            parts.len()
+        );
+    }
+    let tally = analyse(&task, &work, &parts, args.threads)?;
     // A daemon may have gone on with the store meanwhile.
     if task.input == Input::Store
         && let Err(error) = task.check_files()
@@ -135,8 +154,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     drop(reader);
     place::put(&copy, &result).with_context(|| format!("{}", result.display()))?;
     tidy(&work, &copy);
+    let of_parts = match parts.used() {
+        0 => String::new(),
+        count => format!(", {count} searched in parts"),
+    };
+    parts.remove();
     let line = format!(
-        "task {index}, site {site}: {records} records, {rejected} rejected{} in {}, {:.1} s\n",
+        "task {index}, site {site}: {records} records, {rejected} rejected{of_parts}{} in {}, {:.1} s\n",
         tally.losses(),
         result.display(),
         begun.elapsed().as_secs_f64()
@@ -177,7 +201,7 @@ fn index(given: Option<usize>) -> Result<usize, BadArguments> {
 }
 
 /// Analyses all files of a task into the store under way, which goes on from where an attempt before was killed.
-fn analyse(task: &Task, work: &Path, threads: Option<u16>) -> anyhow::Result<Tally> {
+fn analyse(task: &Task, work: &Path, parts: &Parts, threads: Option<u16>) -> anyhow::Result<Tally> {
     let config = task.config().map_err(refused)?;
     task.check_files().map_err(refused)?;
     let paths = task.paths();
@@ -226,13 +250,62 @@ fn analyse(task: &Task, work: &Path, threads: Option<u16>) -> anyhow::Result<Tal
                 &generation.plans,
                 &reading,
                 others,
-                &known,
+                |job| driver::work_by(job, &known, |plan, record| parts.run(plan, record)),
                 on_event,
             )?
         }
     };
     // Nothing is written to stdout here that a reader could have seen enough of.
     Ok(tally.unwrap_or_default())
+}
+
+/// Searches the records of a part of a site into its file.
+fn search(
+    task: &Task,
+    part: Part,
+    work: &Path,
+    result: &Path,
+    threads: Option<u16>,
+) -> anyhow::Result<ExitCode> {
+    let begun = Instant::now();
+    let config = task.config().map_err(refused)?;
+    task.check_files().map_err(refused)?;
+    let plans = setup::plans(&config)?;
+    let reading = Reading {
+        threads,
+        follow: false,
+    };
+    let (index, site) = (task.index, &task.site);
+    let of = format!(
+        "task {index}, site {site}, part {} of {}",
+        part.number + 1,
+        part.of
+    );
+    let mut told = Instant::now();
+    let work = work.with_extension(format!("part-{}", part.number));
+    let count = part::search(
+        part,
+        &task.paths(),
+        &config,
+        &plans,
+        reading.workers(),
+        &work,
+        |count| {
+            if told.elapsed() > TOLD_EVERY {
+                told = Instant::now();
+                tell!("{of}: {count} records");
+            }
+        },
+    )
+    .with_context(|| work.display().to_string())?;
+    place::put(&work, result).with_context(|| result.display().to_string())?;
+    tidy(&work, &work);
+    let line = format!(
+        "{of}: {count} records searched, {}, {:.1} s\n",
+        result.display(),
+        begun.elapsed().as_secs_f64()
+    );
+    print(line.as_bytes())
 }
 
 /// Removes the store under way and its companions. The result is in its place: what cannot be removed only takes room.

@@ -10,9 +10,10 @@ mod job;
 pub use held::Held;
 pub use job::{Done, Job, Load, Loads};
 
-use super::analyse::{Known, analyse};
+use super::analyse::{Known, analyse_by};
 use super::ordered_map::{Limits, map_in_order};
-use crate::analysis::signal::record::Event;
+use crate::analysis::identify::{Identification, Plan, Refusal};
+use crate::analysis::signal::record::{Event, Record};
 use bench::Bench;
 use std::ops::ControlFlow;
 
@@ -60,6 +61,20 @@ pub fn run(
 /// Does the part of a job that need not wait for its turn: analyses an event's record, unless it is one of
 /// `known`.
 pub fn work(job: Job, known: &Known) -> Done {
+    work_by(job, known, Plan::run)
+}
+
+/// [`work`] for a source of which some records are `known`.
+pub fn knowing(known: &Known) -> impl Fn(Job) -> Done + Sync {
+    |job| work(job, known)
+}
+
+/// [`work`] with a way of its own to run a record through its plan, which gives the same.
+pub fn work_by(
+    job: Job,
+    known: &Known,
+    run: impl Fn(&Plan, &Record) -> Result<Identification, Refusal>,
+) -> Done {
     match job {
         Job::Event {
             event,
@@ -67,7 +82,7 @@ pub fn work(job: Job, known: &Known) -> Done {
             plans,
             load,
         } => {
-            let analysed = analyse(event, &plans, known);
+            let analysed = analyse_by(event, &plans, known, run);
             drop(load);
             Done::Event(analysed, place)
         }

@@ -3,6 +3,7 @@
 //! `ARCHIVE/SITE/**/*.mcap` belongs to `CONFIGS/SITE.toml`, and every folder and every configuration needs the other.
 
 use super::identity::{self, Thoroughness};
+use super::part::Part;
 use super::task::{FORMAT, Input, Item, Task, hash_of, result_name};
 use crate::analysis::identify::VERSION;
 use crate::analysis::signal::record::Timestamp;
@@ -19,6 +20,9 @@ const ROD_S: f64 = 0.05;
 /// 1 ms for the 6 kB that a store keeps of it.
 const RECORDING_S: f64 = 4e-3 / 8e3;
 const STORE_S: f64 = 1e-3 / 6e3;
+
+/// Most parts of a site: reading all of its files is then most of each.
+const MOST_PARTS: usize = 1000;
 
 /// Archive, configurations, and what is wanted of them.
 #[derive(Debug, Clone)]
@@ -82,6 +86,26 @@ pub fn plan(wanted: &Wanted<'_>) -> Result<Vec<Task>, Vec<String>> {
         task.index = index;
     }
     Ok(tasks)
+}
+
+/// Tasks for parts of the search of every site that is expected to cost more than a time \[s\]: as many as bring each below it.
+pub fn parts(tasks: &[Task], longest_s: f64) -> Vec<Task> {
+    let mut parts: Vec<Task> = tasks
+        .iter()
+        .filter(|task| task.cost_s > longest_s)
+        .flat_map(|task| {
+            let of = ((task.cost_s / longest_s).ceil() as usize).min(MOST_PARTS);
+            (0..of).map(move |number| Task {
+                part: Some(Part { number, of }),
+                cost_s: task.cost_s / of as f64,
+                ..task.clone()
+            })
+        })
+        .collect();
+    for (index, part) in parts.iter_mut().enumerate() {
+        part.index = index;
+    }
+    parts
 }
 
 /// Folders of the archive, by name; a recording beside them is a fault.
@@ -216,6 +240,7 @@ fn task(wanted: &Wanted<'_>, site: &str) -> Result<Task, Vec<String>> {
         bytes,
         // Milliseconds are more than it can promise.
         cost_s: (cost_s * 1e3).round() / 1e3,
+        part: None,
     })
 }
 

@@ -1,6 +1,7 @@
 //! One task of a fleet: a site, its files, its configuration, and the name that its result therefore has.
 
 use super::identity;
+use super::part::Part;
 use crate::analysis::identify::VERSION;
 use crate::analysis::signal::record::Timestamp;
 use crate::config::Config;
@@ -70,6 +71,9 @@ pub struct Task {
     pub cost_s: f64,
     /// Name of the result: hash of configuration, manifest and analysis version.
     pub result: String,
+    /// Share of the site's search, if the task is no more than that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part: Option<Part>,
 }
 
 /// Reason why a task cannot run.
@@ -126,7 +130,11 @@ impl Task {
 
     /// Path of the result below a folder of results.
     pub fn result_in(&self, folder: &Path) -> PathBuf {
-        folder.join(&self.site).join(format!("{}.db", self.result))
+        let name = match self.part {
+            Some(part) => part.name(&self.result),
+            None => format!("{}.db", self.result),
+        };
+        folder.join(&self.site).join(name)
     }
 
     /// Times of the first and last message of its files, as far as they say them.

@@ -199,22 +199,9 @@ impl PeakSearch {
     /// Welch's spectrum of a record and its refined resonances between two frequencies \[Hz\], as far as they are
     /// [searchable](searchable_hz).
     pub fn evidence(&self, record: &Record, low_hz: f64, high_hz: f64) -> Result<Evidence, Rejection> {
-        check(record, LEAST_PERIODS / high_hz.min(HIGHEST * record.fs_hz))?;
-        let (lowest_hz, highest_hz) = searchable_hz(record.duration_s(), record.fs_hz);
-        if low_hz >= highest_hz {
-            return Err(Rejection::Undersampled {
-                fs_hz: record.fs_hz,
-                needed_hz: low_hz,
-            });
-        }
-        let (low_hz, high_hz) = (low_hz.max(lowest_hz), high_hz.min(highest_hz));
-        let n = record.samples.len();
-        let too_short = |_| Rejection::TooShort {
-            duration_s: record.duration_s(),
-            needed_s: LEAST_PERIODS / high_hz,
-        };
-        let nperseg = self.welch.nperseg(record.fs_hz, n);
-        let welch = self.welch(record.fs_hz, nperseg).map_err(too_short)?;
+        let (low_hz, high_hz) = searched_hz(record, low_hz, high_hz)?;
+        let too_short = |_| too_short(record, high_hz);
+        let welch = self.welch_of(record).map_err(too_short)?;
         let spectrum = welch.run(&record.samples).map_err(too_short)?;
         let picked = |record: &Record, spectrum: &Spectrum, has_releases: bool| {
             self.picked(record, spectrum, (low_hz, high_hz), has_releases)
@@ -266,6 +253,13 @@ impl PeakSearch {
         })
     }
 
+    /// Welch's spectrum of a record alone, that of [`PeakSearch::evidence`].
+    pub fn spectrum(&self, record: &Record, low_hz: f64, high_hz: f64) -> Result<Spectrum, Rejection> {
+        let (_, high_hz) = searched_hz(record, low_hz, high_hz)?;
+        let spectrum = self.welch_of(record).and_then(|welch| welch.run(&record.samples));
+        spectrum.map_err(|_| too_short(record, high_hz))
+    }
+
     /// Parts of a record, cut at its releases if it has any, and the peaks of its spectrum.
     fn picked(
         &self,
@@ -307,6 +301,12 @@ impl PeakSearch {
             .collect()
     }
 
+    /// Welch's method for a whole record.
+    fn welch_of(&self, record: &Record) -> Result<Welch, WelchError> {
+        let nperseg = self.welch.nperseg(record.fs_hz, record.samples.len());
+        self.welch(record.fs_hz, nperseg)
+    }
+
     /// Welch's method with the plan's window and overlap.
     fn welch(&self, fs_hz: f64, nperseg: usize) -> Result<Welch, WelchError> {
         let noverlap = self.welch.noverlap(nperseg);
@@ -345,6 +345,26 @@ impl PeakSearch {
             }
         }
         peaks.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+    }
+}
+
+/// Part of a band in which a record can be searched \[Hz\].
+fn searched_hz(record: &Record, low_hz: f64, high_hz: f64) -> Result<(f64, f64), Rejection> {
+    check(record, LEAST_PERIODS / high_hz.min(HIGHEST * record.fs_hz))?;
+    let (lowest_hz, highest_hz) = searchable_hz(record.duration_s(), record.fs_hz);
+    if low_hz >= highest_hz {
+        return Err(Rejection::Undersampled {
+            fs_hz: record.fs_hz,
+            needed_hz: low_hz,
+        });
+    }
+    Ok((low_hz.max(lowest_hz), high_hz.min(highest_hz)))
+}
+
+fn too_short(record: &Record, high_hz: f64) -> Rejection {
+    Rejection::TooShort {
+        duration_s: record.duration_s(),
+        needed_s: LEAST_PERIODS / high_hz,
     }
 }
 

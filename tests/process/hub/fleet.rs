@@ -1,7 +1,9 @@
 //! Some sites, a NATS server and a hub with its database, each killed and started again.
 
 use super::servers::{DEADLINE, Nats, Postgres};
+use super::wire::Wire;
 use crate::site::{Part, Site, campaign, copy};
+use rand::{Rng, RngExt};
 use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -22,6 +24,16 @@ pub enum Storage {
     Postgres,
 }
 
+/// Ways from one process to another.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Network {
+    Plain,
+    /// TLS, and a login of each site's own.
+    Secure,
+    /// A [`Wire`] for each.
+    Wired,
+}
+
 /// A site's daemon with its folder.
 pub struct Edge {
     pub site: Site,
@@ -36,6 +48,8 @@ pub struct Fleet {
     postgres: Option<Postgres>,
     /// The servers of one post.
     nats: Vec<Nats>,
+    /// The networks between them, if they can be cut.
+    wires: Vec<Wire>,
     folder: tempfile::TempDir,
 }
 
@@ -145,14 +159,21 @@ impl Fleet {
     pub fn of(names: &[&str], storage: Storage) -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let nats = Nats::start(folder.path(), "")?;
-        Self::in_folder(names, vec![nats], storage, folder, false)
+        Self::in_folder(names, vec![nats], storage, folder, Network::Plain)
+    }
+
+    /// The same with a network of each process's own, which can be cut.
+    pub fn wired(names: &[&str], storage: Storage) -> Option<Self> {
+        let folder = tempfile::tempdir().unwrap();
+        let nats = Nats::start(folder.path(), "")?;
+        Self::in_folder(names, vec![nats], storage, folder, Network::Wired)
     }
 
     /// The same with three servers of one cluster.
     pub fn clustered(names: &[&str], storage: Storage) -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let nats = Nats::cluster(folder.path())?;
-        Self::in_folder(names, nats, storage, folder, false)
+        Self::in_folder(names, nats, storage, folder, Network::Plain)
     }
 
     /// The same with TLS and a login of each site's own.
@@ -160,12 +181,18 @@ impl Fleet {
         let folder = tempfile::tempdir().unwrap();
         let more = users(folder.path(), names) + &certificates(folder.path());
         let nats = Nats::start(folder.path(), &more)?;
-        Self::in_folder(names, vec![nats], storage, folder, true)
+        Self::in_folder(names, vec![nats], storage, folder, Network::Secure)
     }
 
     /// Folders for some sites of a server that runs elsewhere.
     pub fn at(names: &[&str], nats: Nats, storage: Storage) -> Option<Self> {
-        Self::in_folder(names, vec![nats], storage, tempfile::tempdir().unwrap(), false)
+        Self::in_folder(
+            names,
+            vec![nats],
+            storage,
+            tempfile::tempdir().unwrap(),
+            Network::Plain,
+        )
     }
 
     fn in_folder(
@@ -173,10 +200,18 @@ impl Fleet {
         nats: Vec<Nats>,
         storage: Storage,
         folder: tempfile::TempDir,
-        is_secure: bool,
+        network: Network,
     ) -> Option<Self> {
-        let to = |user: &str| {
-            if is_secure {
+        let mut wires = Vec::new();
+        let mut way = |port: u16| match network {
+            Network::Wired => {
+                wires.push(Wire::to(port));
+                wires[wires.len() - 1].port
+            }
+            Network::Plain | Network::Secure => port,
+        };
+        let mut to = |user: &str| {
+            if network == Network::Secure {
                 let of = |name: &str| folder.path().join(name).display().to_string();
                 format!(
                     "to = \"nats+tls://localhost:{}\"\ncredentials = \"{}\"\nca = \"{}\"\n",
@@ -185,7 +220,9 @@ impl Fleet {
                     of("ca.pem")
                 )
             } else {
-                let servers = nats.iter().map(|one| format!("nats://127.0.0.1:{}", one.port));
+                let servers = nats
+                    .iter()
+                    .map(|one| format!("nats://127.0.0.1:{}", way(one.port)));
                 format!("to = \"{}\"\n", servers.collect::<Vec<_>>().join(", "))
             }
         };
@@ -193,6 +230,8 @@ impl Fleet {
             Storage::Postgres => Some(Postgres::start(folder.path())?),
             Storage::Sqlite => None,
         };
+        let to_hub = to("HUB");
+        let edges = names.iter().map(|name| edge(name, &to(name))).collect();
         let place = match &postgres {
             None => format!(
                 "[sqlite]\npath = \"{}\"\n",
@@ -200,16 +239,13 @@ impl Fleet {
             ),
             Some(server) => format!(
                 "[postgres]\nconnection = \"host=127.0.0.1 port={} user=tirante dbname=tirante\"\n",
-                server.port
+                way(server.port)
             ),
         };
         let monitors = nats.iter().map(|one| format!("http://127.0.0.1:{}", one.monitor));
         let monitors = monitors.collect::<Vec<_>>().join(", ");
-        let mut text = format!(
-            "[nats]\n{}monitor = \"{monitors}\"\n{place}[http]\nlisten = \"127.0.0.1:0\"\n",
-            to("HUB")
-        );
-        let edges = names.iter().map(|name| edge(name, &to(name))).collect();
+        let mut text =
+            format!("[nats]\n{to_hub}monitor = \"{monitors}\"\n{place}[http]\nlisten = \"127.0.0.1:0\"\n");
         for name in names {
             text += &format!("[[site]]\nname = \"{name}\"\n");
         }
@@ -219,6 +255,7 @@ impl Fleet {
             hub: None,
             postgres,
             nats,
+            wires,
             folder,
         })
     }
@@ -231,6 +268,11 @@ impl Fleet {
         self.nats[0].port
     }
 
+    /// Port of the PostgreSQL server.
+    pub fn database_port(&self) -> u16 {
+        self.postgres.as_ref().unwrap().port
+    }
+
     /// True if the database is a server, which can be killed.
     pub fn has_server(&self) -> bool {
         self.postgres.is_some()
@@ -238,7 +280,7 @@ impl Fleet {
 
     /// Number of rows of a query of the PostgreSQL server.
     pub fn rows(&self, sql: &str) -> usize {
-        let port = self.postgres.as_ref().unwrap().port;
+        let port = self.database_port();
         let connection = format!("host=127.0.0.1 port={port} user=tirante dbname=tirante");
         let mut client = postgres::Client::connect(&connection, postgres::NoTls).unwrap();
         client.query(sql, &[]).unwrap().len()
@@ -554,6 +596,16 @@ impl Fleet {
         }
     }
 
+    /// Cuts one of the networks in a way and for a time of chance.
+    pub fn cut(&self, generator: &mut impl Rng) {
+        self.wires[generator.random_range(0..self.wires.len())].cut(generator);
+    }
+
+    /// Waits until every network is whole.
+    pub fn wait_until_whole(&self) {
+        self.wires.iter().for_each(Wire::wait);
+    }
+
     pub fn remove_store(&self, place: usize) {
         for suffix in ["", "-wal", "-shm", ".lock", ".working", ".suspects"] {
             let _ = fs::remove_file(self.edges[place].site.path(&format!("site.db{suffix}")));
@@ -579,12 +631,14 @@ impl Fleet {
         }
     }
 
-    /// A copy of the server's files, taken while it stands still.
+    /// A copy of the servers' files, taken while they stand still.
     pub fn copy_stream(&mut self) -> PathBuf {
         let copy = self.folder.path().join("copy");
-        self.nats[0].kill();
-        files(&self.folder.path().join("jetstream"), &copy);
-        self.nats[0].again();
+        self.nats.iter_mut().for_each(Nats::kill);
+        for (place, server) in self.nats.iter().enumerate() {
+            files(&server.files(), &copy.join(place.to_string()));
+        }
+        self.nats.iter_mut().for_each(Nats::again);
         copy
     }
 
@@ -598,13 +652,21 @@ impl Fleet {
         }
     }
 
-    /// Puts the copy in the place of the server's files.
-    pub fn set_stream_back(&mut self, copy: &Path) {
-        let place = self.folder.path().join("jetstream");
-        self.nats[0].kill();
-        fs::remove_dir_all(&place).unwrap();
-        files(copy, &place);
-        self.nats[0].again();
+    /// Puts the copy in the place of some servers' files, as if all they wrote since had been lost with the power.
+    pub fn set_stream_back(&mut self, copy: &Path, servers: &[usize]) {
+        for &place in servers {
+            self.nats[place].kill();
+            fs::remove_dir_all(self.nats[place].files()).unwrap();
+            files(&copy.join(place.to_string()), &self.nats[place].files());
+        }
+        for &place in servers {
+            self.nats[place].again();
+        }
+    }
+
+    /// Waits until every server has a leader for all it keeps.
+    pub fn wait_until_healthy(&self) {
+        self.nats.iter().for_each(Nats::wait_until_healthy);
     }
 
     pub fn hub_command(&self, words: &[&str]) -> Output {

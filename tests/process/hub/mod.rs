@@ -12,6 +12,7 @@ mod refusals;
 mod rights;
 mod servers;
 mod thin;
+mod wire;
 
 use crate::site::{Part, lines};
 use fleet::{Fleet, Storage};
@@ -94,7 +95,7 @@ const ROUND: u32 = 12;
 
 #[test]
 fn whatever_is_killed_the_centre_has_the_rows_of_a_replay() {
-    let Some(mut fleet) = Fleet::of(&["todi", "gubbio"], Storage::Postgres) else {
+    let Some(mut fleet) = Fleet::wired(&["todi", "gubbio"], Storage::Postgres) else {
         return;
     };
     kill_at_random(&mut fleet, KILLS);
@@ -113,23 +114,25 @@ fn a_campaign_of_kills() {
         (Storage::Postgres, kills - kills / 4),
         (Storage::Sqlite, kills / 4),
     ] {
-        let Some(mut fleet) = Fleet::of(&["todi", "gubbio"], storage) else {
+        let Some(mut fleet) = Fleet::wired(&["todi", "gubbio"], storage) else {
             return;
         };
         kill_at_random(&mut fleet, share);
     }
 }
 
-/// Kills sites, hub, post and database one at a time, and compares the centre with the replays after each round.
+/// Kills sites, hub, post and database and cuts the networks between them, one at a time, and compares the centre with the replays
+/// after each round.
 fn kill_at_random(fleet: &mut Fleet, kills: u32) {
     let mut generator = random::stream(random::seed(&[b"hub kill"]), 0);
-    let mut killed = [0; 5];
-    let victims = if fleet.has_server() { 5 } else { 4 };
+    let mut killed = [0; 6];
+    let victims = if fleet.has_server() { 6 } else { 5 };
     fleet.start();
     for kill in 0..kills {
         if kill > 0 && kill % ROUND == 0 {
+            fleet.wait_until_whole();
             fleet.wait_until_equal();
-            eprintln!("{kill} kills: tables equal");
+            eprintln!("{kill} kills and cuts: tables equal");
             for place in 0..2 {
                 fleet.stop_edge(place);
                 fleet.remove_store(place);
@@ -143,11 +146,13 @@ fn kill_at_random(fleet: &mut Fleet, kills: u32) {
             0 | 1 => fleet.kill_edge(victim),
             2 => fleet.kill_hub(),
             3 => fleet.kill_nats(),
+            4 => fleet.cut(&mut generator),
             _ => fleet.kill_postgres(),
         }
     }
+    fleet.wait_until_whole();
     fleet.wait_until_equal();
-    eprintln!("{kills} kills (site, site, hub, post, database: {killed:?}): tables equal");
+    eprintln!("{kills} kills and cuts (site, site, hub, post, network, database: {killed:?}): tables equal");
     let sites = lines(&fleet.hub_command(&["sites", "--format", "json"]).stdout);
     assert_eq!(sites.len(), 2);
     for site in &sites {
@@ -208,7 +213,7 @@ fn a_stream_that_was_set_back_loses_nothing() {
     fleet.show_later_weeks(0);
     fleet.wait_until_equal();
     let before = fleet.hub_logged();
-    fleet.set_stream_back(&copy);
+    fleet.set_stream_back(&copy, &[0]);
     // A rebuild of half the stream would lose what the site has not sent again.
     fleet.stop_edge(0);
     fleet.stop_hub();

@@ -137,6 +137,11 @@ impl Nats {
         self.child = Some(child);
     }
 
+    /// Folder of what it keeps.
+    pub fn files(&self) -> PathBuf {
+        self.config.with_file_name("jetstream")
+    }
+
     /// Ends it at once, as a crash does.
     pub fn kill(&mut self) {
         if let Some(mut child) = self.child.take() {

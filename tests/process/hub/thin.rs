@@ -1,9 +1,10 @@
-//! Sites without a computer: workers that are killed, that stand still for longer than their leases, and whose post and database
-//! are killed, end in the rows of a replay.
+//! Sites without a computer: workers that are killed, that stand still for longer than their leases, whose post and database
+//! are killed, and whose network is cut, end in the rows of a replay.
 
 use super::commands::{command, wait_for};
 use super::fleet::{Fleet, Storage, end, process, stop, template};
 use super::servers::{Nats, free_port, program};
+use super::wire::Wire;
 use crate::site::{Part, Site, lines, messages};
 use async_nats::jetstream;
 use rand::RngExt;
@@ -24,12 +25,14 @@ const LEASE_S: u64 = 2;
 /// Messages of a slice: ten seconds of both rods.
 const SLICE: usize = 20;
 /// Kills in the gate; `KILLS` sets another number for [`a_campaign_of_killed_workers`].
-const KILLS: u32 = 10;
+const KILLS: u32 = 12;
 
 /// The hub with sites without a computer, and their workers.
 struct Thin {
     fleet: Fleet,
     workers: Vec<Option<Child>>,
+    /// The network of each worker to the post and to the database, if it can be cut.
+    wires: Vec<[Wire; 2]>,
 }
 
 impl Thin {
@@ -52,7 +55,20 @@ impl Thin {
         Self {
             fleet,
             workers: (0..workers).map(|_| None).collect(),
+            wires: Vec::new(),
         }
+    }
+
+    /// Gives each worker a network of its own.
+    fn wire(&mut self) {
+        let ports = self.ports();
+        let wires = self.workers.iter().map(|_| ports.map(Wire::to));
+        self.wires = wires.collect();
+    }
+
+    /// Ports of post and database.
+    fn ports(&self) -> [u16; 2] {
+        [self.fleet.nats_port(), self.fleet.database_port()]
     }
 
     fn start(&mut self) {
@@ -61,10 +77,18 @@ impl Thin {
         self.fleet.wait("the hub has made its tables", |_| {
             hub::beside(&config.storage).is_ok()
         });
-        // A worker has a login of its own.
         let text = fs::read_to_string(self.fleet.config()).unwrap();
-        fs::write(self.fleet.path("work.toml"), text.replace("HUB.nk", "WORK.nk")).unwrap();
         for place in 0..self.workers.len() {
+            // A worker has a login of its own.
+            let mut text = text.replace("HUB.nk", "WORK.nk");
+            if let Some(wires) = self.wires.get(place) {
+                for (port, wire) in self.ports().iter().zip(wires) {
+                    text = text
+                        .replace(&format!(":{port}\""), &format!(":{}\"", wire.port))
+                        .replace(&format!("port={port} "), &format!("port={} ", wire.port));
+                }
+            }
+            fs::write(self.fleet.path(&format!("work-{place}.toml")), text).unwrap();
             self.start_worker(place);
         }
         let logs: Vec<_> = (0..self.workers.len())
@@ -80,7 +104,8 @@ impl Thin {
         let mut command = Command::new(env!("CARGO_BIN_EXE_tirante"));
         command.current_dir(self.fleet.path("."));
         command.env("TIRANTE_CACHE_DIR", env!("CARGO_TARGET_TMPDIR"));
-        command.args(["work", "--config", "work.toml", "--lease", &LEASE_S.to_string()]);
+        let config = format!("work-{place}.toml");
+        command.args(["work", "--config", &config, "--lease", &LEASE_S.to_string()]);
         let log = self.fleet.path(&format!("worker-{place}.log"));
         self.workers[place] = Some(process(&mut command, &log));
     }
@@ -268,6 +293,7 @@ fn kill_at_random(kills: u32) {
     let Some(mut thin) = Thin::of(&["todi", "gubbio"], 2) else {
         return;
     };
+    thin.wire();
     thin.start();
     let port = thin.fleet.nats_port();
     let payloads = slices(&thin.fleet.edges[0].site);
@@ -286,7 +312,7 @@ fn kill_at_random(kills: u32) {
             thread::sleep(Duration::from_millis(generator.random_range(200..1500)));
             thin.keep_workers();
             // In the gate each kind comes twice.
-            let (kind, place) = (kill % 5, usize::from(generator.random::<bool>()));
+            let (kind, place) = (kill % 6, usize::from(generator.random::<bool>()));
             *counts.entry(kind).or_insert(0) += 1;
             match kind {
                 0 => thin.kill_worker(place),
@@ -298,11 +324,15 @@ fn kill_at_random(kills: u32) {
                 }
                 2 => thin.fleet.kill_nats(),
                 3 => thin.kill_daemons(place),
+                4 => thin.wires[place][usize::from(generator.random::<bool>())].cut(&mut generator),
                 _ => thin.fleet.kill_postgres(),
             }
         }
-        eprintln!("{kills} kills (0 worker, 1 standstill, 2 post, 3 daemons, 4 database): {counts:?}");
+        eprintln!(
+            "{kills} kills (0 worker, 1 standstill, 2 post, 3 daemons, 4 network, 5 database): {counts:?}"
+        );
     });
+    thin.wires.iter().flatten().for_each(Wire::wait);
     for place in 0..2 {
         thin.wait_until_equal(place, "thin.db");
     }

@@ -29,9 +29,6 @@ use tirante::site::store::{Durability, Reader, Store, Stretch};
 
 /// Sections of the daemon's configuration besides the site: no fixed port, so that daemons run side by side.
 const OPERATION: &str = r#"
-[abc]
-draws = 1000
-accept = { quantile = 0.1 }
 [store]
 path = "site.db"
 [ingest]

@@ -12,7 +12,7 @@ use std::process::{Command, Output, Stdio};
 use tirante::analysis::signal::record::Timestamp;
 use tirante::site::store::Reader;
 
-/// Two rods, a baseline and learning as short as they may be.
+/// Two rods, a baseline and learning as short as they may be; a tenth of the usual draws, which every start simulates anew.
 pub const SITE: &str = r#"
 [site]
 name = "Two rods"
@@ -57,6 +57,9 @@ fs_hz = 100.0
 [rod.temperature]
 topic = "/air"
 unit = "degC"
+
+[abc]
+draws = 20000
 
 [track]
 baseline_records = 10

@@ -154,7 +154,7 @@ fn an_array_killed_at_random_ends_row_by_row_in_what_replays_write() {
                     .unwrap(),
             );
         }
-        thread::sleep(whole.mul_f64(generator.random_range(0.05..0.7)));
+        thread::sleep(whole.mul_f64(generator.random_range(0.03..0.3)));
         for mut child in children {
             cut_off += usize::from(child.try_wait().unwrap().is_none());
             child.kill().unwrap();
@@ -251,56 +251,60 @@ fn an_array_killed_at_random_ends_row_by_row_in_what_replays_write() {
 #[test]
 fn a_site_searched_in_parts_ends_in_the_bytes_of_its_own_task() {
     let site = fleet();
-    let tasks = planned(&site, "archive --configs configs", "plan.jsonl");
-    let cost_s = |task: &Json| task["cost_s"].as_f64().unwrap();
-    // The costliest site alone, in four.
-    let longest_s = (0.3 * cost_s(&tasks[0])).max(cost_s(&tasks[1]));
-    let line = format!("archive --configs configs --split {longest_s}");
+    let own = planned(&site, "archive --configs configs --site badia", "plan.jsonl");
+    // A time between that of three parts and of four, with a tenth for reading.
+    let bytes = own[0]["bytes"].as_f64().unwrap();
+    let longest_s = own[0]["cost_s"].as_f64().unwrap() - 0.7 * bytes * 4e-3 / 8e3 * 0.9;
+    let line = format!("archive --configs configs --site badia --split {longest_s}");
     let parts = planned(&site, &line, "parts.jsonl");
+    assert_eq!(parts.len(), 4);
     assert!(
-        parts.len() > 1 && parts.iter().all(|part| part["site"] == "badia"),
-        "{parts:?}"
+        parts.iter().all(|part| part["format"] == 2),
+        "an older program would do the whole site"
     );
-    let told = tirante(
-        &site.folder,
-        "fleet plan archive --configs configs --split 1e6 --out none.jsonl",
-    )
-    .done();
-    assert!(
-        told.contains("no site is expected to cost more than 1000000 s")
-            && told.contains("none.jsonl is not written"),
-        "{told}"
-    );
-    assert!(!site.path("none.jsonl").exists());
-    tirante(
-        &site.folder,
-        "fleet collect parts.jsonl --results results --out fleet.db",
-    )
-    .ends(2)
-    .says(&["parts.jsonl: a plan of parts", "without --split"]);
-
-    array(&site, "slurm", "plan.jsonl", "whole").done();
-    let whole = fs::read(site.path(&result(&tasks[0], "whole"))).unwrap();
-    let of_site = |results: &str| {
-        let said = tirante(
-            &site.folder,
-            &format!("fleet task plan.jsonl --index 0 --out {results}"),
-        );
-        assert_eq!(said.code, Some(0), "{said:?}");
+    let of_one = |results: &str| {
+        let line = format!("fleet task plan.jsonl --index 0 --out {results}");
+        tirante(&site.folder, &line).ends(0)
+    };
+    of_one("whole");
+    let whole = fs::read(site.path(&result(&own[0], "whole"))).unwrap();
+    let alone = |results: &str| {
         assert!(
-            fs::read(site.path(&result(&tasks[0], results))).unwrap() == whole,
+            fs::read(site.path(&result(&own[0], results))).unwrap() == whole,
             "{results}"
         );
         let left = fs::read_dir(site.path(&format!("{results}/badia"))).unwrap();
         assert_eq!(left.count(), 1, "{results}: the result alone stays");
-        said
     };
     let searched = |said: &Said| {
         let (before, _) = said.out.split_once(" searched in parts").unwrap_or(("0", ""));
         before.rsplit(' ').next().unwrap().parse::<usize>().unwrap()
     };
-    // All parts; one of them not there; one damaged; none.
-    let ran = array(&site, "slurm", "parts.jsonl", "all").done();
+    // Killed at any time, and two at once: run again, each part is whole.
+    let mut generator = random::stream(random::seed(&[b"parts"]), 1);
+    for kill in 0..8 {
+        let line = format!(
+            "fleet task parts.jsonl --index {} --out all --threads 1",
+            kill % 4
+        );
+        let mut children = [(); 2].map(|()| {
+            let mut command = site.command(&words(&line).collect::<Vec<_>>());
+            command
+                .stdout(Stdio::null())
+                .stderr(Stdio::null())
+                .spawn()
+                .unwrap()
+        });
+        thread::sleep(std::time::Duration::from_millis(generator.random_range(50..600)));
+        for child in &mut children {
+            let _ = child.kill();
+            child.wait().unwrap();
+        }
+    }
+    array(&site, "slurm", "parts.jsonl", "all").done();
+    let again = array(&site, "slurm", "parts.jsonl", "all").done();
+    assert_eq!(again.matches("is there already").count(), 4, "{again}");
+    let ran = array(&site, "slurm", "parts.jsonl", "fresh").done();
     let shares: Vec<usize> = ran
         .lines()
         .filter_map(|line| line.split_once(" records searched, "))
@@ -308,33 +312,87 @@ fn a_site_searched_in_parts_ends_in_the_bytes_of_its_own_task() {
         .collect();
     let sum: usize = shares.iter().sum();
     assert!(
-        shares.len() == parts.len() && shares.iter().all(|share| 2 * share * parts.len() > sum),
+        shares.len() == 4 && shares.iter().all(|share| 8 * share > sum),
         "{shares:?}"
     );
     let name = |number: usize| {
-        let result = tasks[0]["result"].as_str().unwrap();
-        format!("badia/{result}.part-{number}-of-{}", parts.len())
+        let result = own[0]["result"].as_str().unwrap();
+        format!("badia/{result}.part-{number}-of-4")
     };
-    for (results, keep) in [("one", 1), ("flipped", parts.len())] {
-        fs::create_dir_all(site.path(&format!("{results}/badia"))).unwrap();
-        for number in 0..keep {
-            let mut bytes = fs::read(site.path(&format!("all/{}", name(number)))).unwrap();
-            if results == "flipped" && number == 0 {
-                let middle = bytes.len() / 2;
-                bytes[middle] ^= 1;
-            }
-            fs::write(site.path(&format!("{results}/{}", name(number))), bytes).unwrap();
-        }
+    let of = |number: usize| fs::read(site.path(&format!("fresh/{}", name(number)))).unwrap();
+    for number in 0..4 {
+        assert!(fs::read(site.path(&format!("all/{}", name(number)))).unwrap() == of(number));
     }
-    assert_eq!(searched(&of_site("all")), sum);
-    assert_eq!(searched(&of_site("one")), shares[0]);
-    assert_eq!(searched(&of_site("none")), 0);
-    let site_of_flipped = tirante(&site.folder, "fleet task plan.jsonl --index 0 --out flipped");
-    let flipped = site_of_flipped
-        .ends(0)
-        .says(&[&format!("{}: it is damaged", name(0)), "are searched again"]);
-    assert_eq!(searched(&flipped), sum - shares[0]);
-    assert!(fs::read(site.path(&result(&tasks[0], "flipped"))).unwrap() == whole);
+    let put = |results: &str, number: usize, bytes: &[u8]| {
+        fs::create_dir_all(site.path(&format!("{results}/badia"))).unwrap();
+        fs::write(site.path(&format!("{results}/{}", name(number))), bytes).unwrap();
+    };
+    // All of them; one alone; the others damaged; none.
+    assert_eq!(searched(&of_one("all")), sum);
+    alone("all");
+    put("one", 2, &of(2));
+    let alone_of_one: usize = searched(&of_one("one"));
+    assert!(shares.contains(&alone_of_one), "{alone_of_one} of {shares:?}");
+    alone("one");
+    let mut flipped = of(0);
+    let middle = flipped.len() / 2;
+    flipped[middle] ^= 1;
+    put("damaged", 0, &flipped);
+    put("damaged", 1, &of(1)[..of(1).len() / 2]);
+    put("damaged", 2, &of(2));
+    put("damaged", 3, b"");
+    let damaged = of_one("damaged");
+    assert_eq!(searched(&damaged), alone_of_one);
+    for number in [0, 1, 3] {
+        let told = format!("{}: it is damaged", name(number));
+        assert!(damaged.err.contains(&told), "no {told} in {}", damaged.err);
+    }
+    alone("damaged");
+    // A part that comes after the result has nothing to do, and one that came late goes.
+    put("damaged", 1, &of(1));
+    let late = tirante(&site.folder, "fleet task parts.jsonl --index 1 --out damaged").done();
+    assert!(late.contains("is there already"), "{late}");
+    alone("damaged");
+}
+
+#[test]
+fn what_cannot_be_split_is_said() {
+    let site = Site::new(SITE);
+    fs::create_dir_all(site.path("configs")).unwrap();
+    fs::create_dir_all(site.path("archive/a")).unwrap();
+    fs::copy(site.path("site.toml"), site.path("configs/a.toml")).unwrap();
+    site.simulate("a/week", &Part::new(0, 2));
+    fs::write(site.path("parts.jsonl"), "of yesterday\n").unwrap();
+    let plan = |more: &str| {
+        let line = format!("fleet plan archive --configs configs --out parts.jsonl {more}");
+        tirante(&site.folder, &line)
+    };
+    let told = plan("--split 1e6").done();
+    assert!(
+        told.contains("no site is expected to cost more than 1000000 s")
+            && told.contains("there is no parts.jsonl"),
+        "{told}"
+    );
+    assert!(!site.path("parts.jsonl").exists());
+    for wrong in ["0", "-1", "nan", "an hour"] {
+        plan(&format!("'--split={wrong}'"))
+            .ends(2)
+            .says(&["a time in seconds above 0"]);
+    }
+    plan("--split 3600 --from-stores").ends(2);
+    plan("--split 0.15").done();
+    tirante(
+        &site.folder,
+        "fleet collect parts.jsonl --results results --out fleet.db",
+    )
+    .ends(2)
+    .says(&["parts.jsonl: a plan of parts", "without --split"]);
+    // What the file system refuses ends a part, which is then tried again.
+    let path = site.path("archive/a/week.mcap");
+    fs::remove_file(&path).unwrap();
+    tirante(&site.folder, "fleet task parts.jsonl --index 0 --out results")
+        .ends(1)
+        .says(&["week.mcap"]);
 }
 
 #[test]

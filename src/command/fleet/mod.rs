@@ -1,6 +1,7 @@
 //! `tirante fleet`: many sites as a job array.
 
 mod collect;
+mod part;
 mod place;
 mod plan;
 mod task;

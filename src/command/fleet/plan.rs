@@ -7,7 +7,8 @@ use crate::site::fleet::identity::Thoroughness;
 use crate::site::fleet::plan::{Wanted, parts, plan};
 use crate::site::fleet::task::{Input, Task};
 use anyhow::Context;
-use std::io::Write;
+use std::fs;
+use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -93,8 +94,14 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         let longest = tasks.first().map_or(0.0, |task| task.cost_s);
         tasks = parts(&tasks, longest_s);
         if tasks.is_empty() {
+            // An older plan there would pass for this one.
+            if let Err(error) = fs::remove_file(&args.out)
+                && error.kind() != ErrorKind::NotFound
+            {
+                return Err(error).with_context(|| format!("--out {}", args.out.display()));
+            }
             let line = format!(
-                "no site is expected to cost more than {longest_s} s, the costliest {longest:.0} s: nothing to split, {} is not written\n",
+                "no site is expected to cost more than {longest_s} s, the costliest {longest:.0} s: nothing to split, there is no {}\n",
                 args.out.display()
             );
             return super::super::print(line.as_bytes());

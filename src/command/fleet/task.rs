@@ -6,11 +6,12 @@ use super::super::foreign::Foreign;
 use super::super::progress::Progress;
 use super::super::setup::{self, GivenUp, Prepared};
 use super::super::{BadArguments, print};
+use super::part::search;
 use super::{place, refused};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::site::analyse::Analysed;
 use crate::site::driver;
-use crate::site::fleet::part::{self, Part, Parts};
+use crate::site::fleet::part::{self, Parts};
 use crate::site::fleet::task::{self as plan, Input, Task};
 use crate::site::pictures::Pictures;
 use crate::site::records::Others;
@@ -18,6 +19,7 @@ use crate::site::store::{Durability, Position, Reader, Store};
 use anyhow::{Context, bail};
 use std::env;
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -30,11 +32,11 @@ const INDICES: [&str; 3] = [
 ];
 
 /// Time between lines of progress in a job's log.
-const TOLD_EVERY: Duration = Duration::from_secs(60);
+pub(super) const TOLD_EVERY: Duration = Duration::from_secs(60);
 
 /// Run one task of a plan: what `replay --store` does, for one site.
 ///
-/// The result is RESULTS/SITE/HASH.db, a store like any other, named by the hash of configuration, files and version
+/// The result is RESULTS/SITE/HASH.db (of a part HASH.part-K-of-N), a store like any other, named by the hash of configuration, files and version
 /// of the analysis. It appears when it is whole. Killed anywhere and run again, the task ends in the same result;
 /// run once more, it ends at once.
 ///
@@ -99,6 +101,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let result = task.result_in(&args.out);
     let site = &task.site;
     if result.exists() {
+        // Of a task that was killed behind its result, or of a part that came after it.
+        part::remove(&args.out.join(site), &task.result);
         let line = format!(
             "task {index}, site {site}: {} is there already\n",
             result.display()
@@ -107,27 +111,14 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let folder = args.out.join(site);
     fs::create_dir_all(&folder).with_context(|| format!("--out {}", folder.display()))?;
+    if let Some(part) = task.part {
+        return search(&task, part, &folder, args.threads);
+    }
     let scratch = args.scratch.as_deref().unwrap_or(&folder);
     fs::create_dir_all(scratch).with_context(|| format!("--scratch {}", scratch.display()))?;
     let work = scratch.join(format!(".{site}-{}.tmp", task.result));
     let begun = Instant::now();
-    if let Some(part) = task.part {
-        return search(&task, part, &work, &result, args.threads);
-    }
-    // On a file system that lists nothing, all is searched here.
-    let parts = Parts::open(&folder, &task.result, |path, why| {
-        tell!(
-            "warning: {}: {why}: its records are searched again",
-            path.display()
-        );
-    })
-    .unwrap_or_default();
-    if !parts.is_empty() {
-        tell!(
-            "task {index}, site {site}: {} records were searched in parts",
-            parts.len()
-        );
-    }
+    let parts = parts(&task, &folder);
     let tally = analyse(&task, &work, &parts, args.threads)?;
     // A daemon may have gone on with the store meanwhile.
     if task.input == Input::Store
@@ -158,7 +149,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         0 => String::new(),
         count => format!(", {count} searched in parts"),
     };
-    parts.remove();
+    drop(parts);
+    part::remove(&folder, &task.result);
     let line = format!(
         "task {index}, site {site}: {records} records, {rejected} rejected{of_parts}{} in {}, {:.1} s\n",
         tally.losses(),
@@ -259,53 +251,30 @@ fn analyse(task: &Task, work: &Path, parts: &Parts, threads: Option<u16>) -> any
     Ok(tally.unwrap_or_default())
 }
 
-/// Searches the records of a part of a site into its file.
-fn search(
-    task: &Task,
-    part: Part,
-    work: &Path,
-    result: &Path,
-    threads: Option<u16>,
-) -> anyhow::Result<ExitCode> {
-    let begun = Instant::now();
-    let config = task.config().map_err(refused)?;
-    task.check_files().map_err(refused)?;
-    let plans = setup::plans(&config)?;
-    let reading = Reading {
-        threads,
-        follow: false,
+/// Parts of the task's search that are there; without them all records are searched here.
+fn parts(task: &Task, folder: &Path) -> Parts {
+    let of = format!("task {}, site {}", task.index, task.site);
+    let passed_over = |path: &Path, why: &io::Error| {
+        tell!(
+            "warning: {}: {why}: its records are searched again",
+            path.display()
+        );
     };
-    let (index, site) = (task.index, &task.site);
-    let of = format!(
-        "task {index}, site {site}, part {} of {}",
-        part.number + 1,
-        part.of
-    );
-    let mut told = Instant::now();
-    let work = work.with_extension(format!("part-{}", part.number));
-    let count = part::search(
-        part,
-        &task.paths(),
-        &config,
-        &plans,
-        reading.workers(),
-        &work,
-        |count| {
-            if told.elapsed() > TOLD_EVERY {
-                told = Instant::now();
-                tell!("{of}: {count} records");
+    match Parts::open(folder, &task.result, passed_over) {
+        Ok(parts) => {
+            if parts.searched() > 0 {
+                tell!("{of}: {} records were searched in parts", parts.searched());
             }
-        },
-    )
-    .with_context(|| work.display().to_string())?;
-    place::put(&work, result).with_context(|| result.display().to_string())?;
-    tidy(&work, &work);
-    let line = format!(
-        "{of}: {count} records searched, {}, {:.1} s\n",
-        result.display(),
-        begun.elapsed().as_secs_f64()
-    );
-    print(line.as_bytes())
+            parts
+        }
+        Err(why) => {
+            let folder = folder.display();
+            tell!(
+                "warning: {of}: the parts in {folder} cannot be listed ({why}): all records are searched here"
+            );
+            Parts::default()
+        }
+    }
 }
 
 /// Removes the store under way and its companions. The result is in its place: what cannot be removed only takes room.

@@ -6,23 +6,25 @@
 
 use crate::analysis::identify::{Identification, Plan, Refusal};
 use crate::analysis::signal::modes::{Motion, Resonance};
-use crate::analysis::signal::record::{Event, Record, RodId};
+use crate::analysis::signal::record::{Event, Excitation, Record, RodChannels, RodId};
 use crate::config::Config;
-use crate::recording::atomic::AtomicFile;
+use crate::recording::import::How;
+use crate::recording::read::{self, Recordings, SourceError, Step};
 use crate::site::ordered_map::{Limits, map_in_order};
 use crate::site::prepared::Plans;
-use crate::site::records::{Others, Records};
+use crate::site::records::in_order;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 use std::fs::{self, File};
-use std::io::{self, BufReader, Read, Write};
+use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::ops::ControlFlow;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
-/// First bytes of a part's file.
+/// First bytes of a part's file; another layout of the bodies gets another number.
 const MAGIC: &[u8; 8] = b"TIRPART1";
 /// Bytes of an entry before its body: the record's identity and the body's length.
 const HEAD: usize = 32 + 4;
@@ -42,18 +44,38 @@ pub struct Part {
     pub of: usize,
 }
 
-/// Result of the search of one record.
+/// Result of the search of one record, with what the search depends on besides the samples that identify the record.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Searched {
+    clock_sd: f64,
+    excitation: Option<Excitation>,
     resonances: Vec<Resonance>,
     motion: Motion,
 }
 
+impl Searched {
+    /// `None` for a record that cannot be searched.
+    fn of(plan: &Plan, record: &Record) -> Option<Self> {
+        let evidence = plan.search(record).ok()?;
+        Some(Self {
+            clock_sd: record.clock_sd,
+            excitation: record.excitation,
+            resonances: evidence.resonances,
+            motion: evidence.motion,
+        })
+    }
+
+    /// True if it is what a search of this record gives.
+    fn is_of(&self, record: &Record) -> bool {
+        self.clock_sd.to_bits() == record.clock_sd.to_bits() && self.excitation == record.excitation
+    }
+}
+
 impl Part {
-    /// True if a record belongs to it: days of each rod go round the parts, and another rod's day to the next part.
-    fn has(self, place: usize, record: &Record) -> bool {
+    /// True if a record of a rod, by its place among `rods`, belongs to it: the days of all rods go round the parts.
+    fn has(self, rod: usize, rods: usize, record: &Record) -> bool {
         let day = record.start.as_nanos().div_euclid(1_000_000_000 * STRETCH_S);
-        (day + place as i64).rem_euclid(self.of.max(1) as i64) == self.number as i64
+        (day * rods as i64 + rod as i64).rem_euclid(self.of.max(1) as i64) == self.number as i64
     }
 
     /// Name of its file for a result of a name.
@@ -62,12 +84,23 @@ impl Part {
     }
 }
 
-/// Searches the records of a part in some files on `workers` threads and writes what is found; `tell` hears the number of records.
-/// Returns that number. Records that only the site's own task can analyse (of several sensors, refused before a search, or that break
-/// the program) are left to it.
+/// Reason why a part has no file.
+#[derive(Debug, thiserror::Error)]
+pub enum PartError {
+    /// A recording that the file system refuses: its records would be missing.
+    #[error(transparent)]
+    Recording(#[from] SourceError),
+    /// The part's file cannot be written.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+}
+
+/// Searches the records of a part in some files on `workers` threads and writes what is found to `into`; `tell` hears the number of
+/// records. Returns that number. Records that only the site's own task can analyse (of several sensors, refused before a search, or that
+/// break the program) are left to it, and so is what there is to say of damaged recordings.
 ///
 /// # Errors
-/// The file cannot be written.
+/// A recording cannot be read, or the file not be written.
 pub fn search(
     part: Part,
     paths: &[PathBuf],
@@ -76,19 +109,29 @@ pub fn search(
     workers: usize,
     into: &Path,
     mut tell: impl FnMut(u64),
-) -> io::Result<u64> {
-    let places: HashMap<&RodId, usize> = config.rods.iter().map(|rod| &rod.analysis.rod).zip(0..).collect();
-    let others = Others {
-        is_meant: true,
-        needs_all: true,
-        ..Others::default()
-    };
-    let records = Records::open(paths, config, others).filter_map(|event| match event {
-        Event::Record(record) => {
-            let place = *places.get(&record.rod)?;
-            part.has(place, &record).then_some(record)
+) -> Result<u64, PartError> {
+    let rods: HashMap<&RodId, usize> = config.rods.iter().map(|rod| &rod.analysis.rod).zip(0..).collect();
+    let channels: Vec<RodChannels> = config.rods.iter().map(|rod| rod.channels.clone()).collect();
+    let files = in_order(read::recordings(paths), &How::default());
+    let mut recordings = Recordings::new(files, channels, config.record, false, Arc::default());
+    let refused = Mutex::new(None);
+    // A record is filtered as it is cut, before the next one: in memory are those that are searched.
+    let records = std::iter::from_fn(|| {
+        loop {
+            match recordings.next()? {
+                Step::Event(Event::Record(record), _) => {
+                    let rod = *rods.get(&record.rod)?;
+                    if part.has(rod, rods.len(), &record) {
+                        return Some(record);
+                    }
+                }
+                Step::File(Err(error @ SourceError::Io { .. })) => {
+                    *refused.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+                    return None;
+                }
+                Step::File(_) | Step::Event(..) | Step::More | Step::Wait | Step::End => {}
+            }
         }
-        _ => None,
     });
     let limits = Limits {
         workers,
@@ -102,12 +145,9 @@ pub fn search(
         limits,
         |record| record.samples.len(),
         |record| {
-            let evidence = plans.get(&record.rod)?.search(&record).ok()?;
-            let searched = Searched {
-                resonances: evidence.resonances,
-                motion: evidence.motion,
-            };
-            Some((record.identity(), postcard::to_stdvec(&searched).ok()?))
+            let searched = Searched::of(plans.get(&record.rod)?, &record)?;
+            let body = postcard::to_stdvec(&searched).ok()?;
+            (body.len() <= LONGEST as usize).then(|| (record.identity(), body))
         },
         |results| {
             for (identity, body) in results.into_iter().flatten().flatten() {
@@ -121,22 +161,26 @@ pub fn search(
             ControlFlow::Continue(())
         },
     );
-    match failure {
-        Some(error) => Err(error),
-        None => file.commit().map(|()| count),
+    if let Some(error) = refused.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        return Err(error.into());
     }
+    if let Some(error) = failure {
+        return Err(error.into());
+    }
+    file.finish()?;
+    Ok(count)
 }
 
 /// A part's file under way, which ends in the hash of what is before it.
 struct HashingFile {
-    file: AtomicFile,
+    file: BufWriter<File>,
     hash: Sha256,
 }
 
 impl HashingFile {
     fn create(path: &Path) -> io::Result<Self> {
         Ok(Self {
-            file: AtomicFile::create(path)?,
+            file: BufWriter::new(File::create(path)?),
             hash: Sha256::new(),
         })
     }
@@ -153,62 +197,74 @@ impl HashingFile {
         self.write(body)
     }
 
-    fn commit(mut self) -> io::Result<()> {
+    fn finish(mut self) -> io::Result<()> {
         let hash = self.hash.finalize();
         self.file.write_all(&hash)?;
-        self.file.commit()
+        self.file.flush()
     }
+}
+
+/// Removes the parts of a result from a folder, whole ones and those under way: with the result in its place nobody needs them. What
+/// cannot be removed only takes room.
+pub fn remove(folder: &Path, result: &str) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if is_of(name.strip_prefix('.').unwrap_or(&name), result) {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// True if a file of a name is a part of a result.
+fn is_of(name: &str, result: &str) -> bool {
+    name.strip_prefix(result)
+        .is_some_and(|rest| rest.starts_with(".part-"))
 }
 
 /// Results of all parts of a site that are there: the place of each record's body in its file.
 #[derive(Debug, Default)]
 pub struct Parts {
-    files: Vec<(PathBuf, File)>,
+    files: Vec<File>,
     places: HashMap<[u8; 32], (usize, u64, u32)>,
     used: AtomicU64,
 }
 
 impl Parts {
-    /// Opens the parts of a result in a folder. `damaged` hears of a file that is passed over: its records are searched as if it were not
-    /// there.
+    /// Opens the parts of a result in a folder. `passed_over` hears of files that cannot be used: their records are searched again.
     ///
     /// # Errors
-    /// The folder cannot be read.
-    pub fn open(folder: &Path, result: &str, mut damaged: impl FnMut(&Path, &str)) -> io::Result<Self> {
+    /// The folder cannot be listed.
+    pub fn open(
+        folder: &Path,
+        result: &str,
+        mut passed_over: impl FnMut(&Path, &io::Error),
+    ) -> io::Result<Self> {
         let mut parts = Self::default();
-        let begins = format!("{result}.part-");
-        let mut paths = Vec::new();
-        for entry in fs::read_dir(folder)? {
-            let entry = entry?;
-            if entry.file_name().to_string_lossy().starts_with(&begins) {
-                paths.push(entry.path());
-            }
-        }
+        let mut paths: Vec<PathBuf> = fs::read_dir(folder)?
+            .flatten()
+            .filter(|entry| is_of(&entry.file_name().to_string_lossy(), result))
+            .map(|entry| entry.path())
+            .collect();
         paths.sort();
         for path in paths {
             match entries(&path) {
                 Ok((file, found)) => {
                     let number = parts.files.len();
-                    let found = found
-                        .into_iter()
-                        .map(|(identity, at, length)| (identity, (number, at, length)));
-                    parts.places.extend(found);
-                    parts.files.push((path, file));
+                    for (identity, at, length) in found {
+                        parts.places.entry(identity).or_insert((number, at, length));
+                    }
+                    parts.files.push(file);
                 }
-                Err(error) => damaged(&path, &error.to_string()),
+                Err(error) => passed_over(&path, &error),
             }
         }
         Ok(parts)
     }
 
     /// Number of records that were searched in a part.
-    pub fn len(&self) -> usize {
+    pub fn searched(&self) -> usize {
         self.places.len()
-    }
-
-    /// True if no part is there.
-    pub fn is_empty(&self) -> bool {
-        self.files.is_empty()
     }
 
     /// Number of records that were taken from a part.
@@ -224,8 +280,10 @@ impl Parts {
         if self.places.is_empty() {
             return plan.run(record);
         }
-        match self.searched(&record.identity()) {
-            Some(Searched { resonances, motion }) => {
+        match self.of(record) {
+            Some(Searched {
+                resonances, motion, ..
+            }) => {
                 self.used.fetch_add(1, Ordering::Relaxed);
                 plan.run_searched(record, resonances, motion)
             }
@@ -233,33 +291,31 @@ impl Parts {
         }
     }
 
-    fn searched(&self, identity: &[u8; 32]) -> Option<Searched> {
-        let &(number, at, length) = self.places.get(identity)?;
-        let (_, file) = self.files.get(number)?;
+    fn of(&self, record: &Record) -> Option<Searched> {
+        let &(number, at, length) = self.places.get(&record.identity())?;
         let mut body = vec![0; length as usize];
-        file.read_exact_at(&mut body, at).ok()?;
-        postcard::from_bytes(&body).ok()
-    }
-
-    /// Removes the files; what cannot be removed only takes room.
-    pub fn remove(self) {
-        for (path, _) in self.files {
-            let _ = fs::remove_file(path);
-        }
+        self.files.get(number)?.read_exact_at(&mut body, at).ok()?;
+        let searched: Searched = postcard::from_bytes(&body).ok()?;
+        searched.is_of(record).then_some(searched)
     }
 }
 
-/// Records of a part's file, with place and length of each body, after a look at every byte.
+/// Identity of each record of a part's file, with place and length of its body.
 type Entries = Vec<([u8; 32], u64, u32)>;
 
+/// Entries of a part's file, after a look at every byte.
 fn entries(path: &Path) -> io::Result<(File, Entries)> {
     let file = File::open(path)?;
     let damaged = || io::Error::new(io::ErrorKind::InvalidData, "it is damaged");
+    let cut_short = |error: io::Error| match error.kind() {
+        io::ErrorKind::UnexpectedEof => damaged(),
+        _ => error,
+    };
     let body = file.metadata()?.len().checked_sub(32).ok_or_else(damaged)?;
     let mut reader = BufReader::new(&file).take(body);
     let mut hash = Sha256::new();
     let mut take = |bytes: &mut [u8]| {
-        reader.read_exact(bytes)?;
+        reader.read_exact(bytes).map_err(cut_short)?;
         hash.update(&*bytes);
         Ok::<_, io::Error>(())
     };
@@ -289,4 +345,42 @@ fn entries(path: &Path) -> io::Result<(File, Entries)> {
         return Err(damaged());
     }
     Ok((file, found))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::signal::modes::MotionKind;
+
+    /// Bytes of an entry as parts on disk have them: where these change, [`MAGIC`] must.
+    #[test]
+    fn the_layout_of_a_body_has_its_number() {
+        let resonance = Resonance {
+            frequency_hz: 1.0,
+            frequency_sd_hz: 2.0,
+            damping: 3.0,
+            damping_log_sd: 4.0,
+            peak_to_noise: 5.0,
+            evidence: 6.0,
+            line: true,
+            misfit: 7.0,
+            foreign_log_odds: 8.0,
+        };
+        let searched = Searched {
+            clock_sd: 0.5,
+            excitation: Some(Excitation::FreeDecay),
+            resonances: vec![resonance],
+            motion: Motion {
+                kind: MotionKind::FreeDecays,
+                onsets_s: vec![9.0],
+            },
+        };
+        let body = postcard::to_stdvec(&searched).unwrap();
+        let hash: [u8; 32] = Sha256::digest(&body).into();
+        assert_eq!(
+            (&MAGIC[..], body.len(), &hash[..4]),
+            (&b"TIRPART1"[..], 86, &[0xda, 0xc7, 0x2a, 0x6f][..])
+        );
+        assert_eq!(postcard::from_bytes::<Searched>(&body).unwrap(), searched);
+    }
 }

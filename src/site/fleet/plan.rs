@@ -4,7 +4,7 @@
 
 use super::identity::{self, Thoroughness};
 use super::part::Part;
-use super::task::{FORMAT, Input, Item, Task, hash_of, result_name};
+use super::task::{FORMAT, Input, Item, PART_FORMAT, Task, hash_of, result_name};
 use crate::analysis::identify::VERSION;
 use crate::analysis::signal::record::Timestamp;
 use crate::config::Config;
@@ -21,8 +21,12 @@ const ROD_S: f64 = 0.05;
 const RECORDING_S: f64 = 4e-3 / 8e3;
 const STORE_S: f64 = 1e-3 / 6e3;
 
-/// Most parts of a site: reading all of its files is then most of each.
-const MOST_PARTS: usize = 1000;
+/// Share of a recording's time that is reading, which every part of a site does.
+const READING: f64 = 0.1;
+/// Most parts of a site, all of which its own task has open.
+const MOST_PARTS: usize = 200;
+/// Most files in the lines of all parts of a site.
+const MOST_ITEMS: usize = 1_000_000;
 
 /// Archive, configurations, and what is wanted of them.
 #[derive(Debug, Clone)]
@@ -88,20 +92,28 @@ pub fn plan(wanted: &Wanted<'_>) -> Result<Vec<Task>, Vec<String>> {
     Ok(tasks)
 }
 
-/// Tasks for parts of the search of every site that is expected to cost more than a time \[s\]: as many as bring each below it.
+/// Tasks for parts of the search of every site that is expected to cost more than a time \[s\], the costliest first: as many as bring each
+/// below it, as far as reading all files of the site leaves time.
 pub fn parts(tasks: &[Task], longest_s: f64) -> Vec<Task> {
     let mut parts: Vec<Task> = tasks
         .iter()
         .filter(|task| task.cost_s > longest_s)
         .flat_map(|task| {
-            let of = ((task.cost_s / longest_s).ceil() as usize).min(MOST_PARTS);
+            let search_s = (1.0 - READING) * RECORDING_S * task.bytes as f64;
+            let fixed_s = task.cost_s - search_s;
+            let wanted = (search_s / (longest_s - fixed_s).max(0.0)).ceil().max(2.0);
+            let most = MOST_PARTS.min(MOST_ITEMS / task.files.len().max(1)).max(2);
+            let of = most.min(wanted as usize);
+            let cost_s = ((fixed_s + search_s / of as f64) * 1e3).round() / 1e3;
             (0..of).map(move |number| Task {
+                format: PART_FORMAT,
                 part: Some(Part { number, of }),
-                cost_s: task.cost_s / of as f64,
+                cost_s,
                 ..task.clone()
             })
         })
         .collect();
+    parts.sort_by(|a, b| b.cost_s.total_cmp(&a.cost_s).then_with(|| a.site.cmp(&b.site)));
     for (index, part) in parts.iter_mut().enumerate() {
         part.index = index;
     }

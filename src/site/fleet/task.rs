@@ -12,8 +12,9 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
-/// Format of a plan's lines.
+/// Format of a plan's lines, and that of lines of parts, which an older program would take for the whole site.
 pub const FORMAT: u32 = 1;
+pub const PART_FORMAT: u32 = 2;
 
 /// Longest line of a plan \[bytes\]: a site of a hundred thousand files.
 const LONGEST: usize = 64 << 20;
@@ -47,7 +48,7 @@ pub struct Item {
 /// One line of a plan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Task {
-    /// [`FORMAT`].
+    /// [`FORMAT`] or [`PART_FORMAT`].
     pub format: u32,
     /// Array index, from 0.
     pub index: usize,
@@ -128,13 +129,9 @@ impl Task {
             .collect()
     }
 
-    /// Path of the result below a folder of results.
+    /// Path of the site's result below a folder of results.
     pub fn result_in(&self, folder: &Path) -> PathBuf {
-        let name = match self.part {
-            Some(part) => part.name(&self.result),
-            None => format!("{}.db", self.result),
-        };
-        folder.join(&self.site).join(name)
+        folder.join(&self.site).join(format!("{}.db", self.result))
     }
 
     /// Times of the first and last message of its files, as far as they say them.
@@ -229,9 +226,10 @@ pub fn read(path: &Path, index: Option<usize>) -> Result<Vec<Task>, TaskError> {
         }
         let task: Task =
             serde_json::from_slice(&line).map_err(|error| wrong(format!("no task ({error}): plan again")))?;
-        if task.format != FORMAT || task.index != number {
+        let format = task.part.map_or(FORMAT, |_| PART_FORMAT);
+        if task.format != format || task.index != number {
             return Err(wrong(format!(
-                "format {} and index {} where format {FORMAT} and index {number} are expected: plan again",
+                "format {} and index {} where format {format} and index {number} are expected: plan again",
                 task.format, task.index
             )));
         }

@@ -313,18 +313,12 @@ impl Fleet {
 
     /// Processor time of a site's process so far \[s\], and its largest memory \[MB\].
     pub fn usage(&self, place: usize) -> (f64, f64) {
-        let pid = self.edges[place].child.as_ref().unwrap().id();
-        let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
-        let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
-        let ticks = [11, 12].map(|place| fields[place].parse::<f64>().unwrap());
-        let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
-        let peak = status
-            .lines()
-            .find_map(|line| line.strip_prefix("VmHWM:"))
-            .unwrap();
-        let peak_kb: f64 = peak.trim().trim_end_matches(" kB").parse().unwrap();
-        // Linux counts in hundredths of a second.
-        (ticks.iter().sum::<f64>() / 100.0, peak_kb / 1e3)
+        usage(self.edges[place].child.as_ref().unwrap())
+    }
+
+    /// The same of the hub.
+    pub fn hub_usage(&self) -> (f64, f64) {
+        usage(self.hub.as_ref().unwrap())
     }
 
     /// Puts further sites on the hub's list.
@@ -596,9 +590,14 @@ impl Fleet {
         }
     }
 
-    /// Cuts one of the networks in a way and for a time of chance.
+    /// Cuts one of the networks in a random way for a random time.
     pub fn cut(&self, generator: &mut impl Rng) {
         self.wires[generator.random_range(0..self.wires.len())].cut(generator);
+    }
+
+    /// True if a connection met a cut.
+    pub fn met_a_cut(&self) -> bool {
+        self.wires.iter().any(Wire::met)
     }
 
     /// Waits until every network is whole.
@@ -798,6 +797,22 @@ impl Fleet {
         let address = log.rsplit("all sites at http://").next().unwrap();
         address.split_whitespace().next().unwrap().to_owned()
     }
+}
+
+/// Processor time of a process so far \[s\], and its largest memory \[MB\].
+fn usage(process: &Child) -> (f64, f64) {
+    let pid = process.id();
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
+    let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
+    let ticks = [11, 12].map(|place| fields[place].parse::<f64>().unwrap());
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let peak = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:"))
+        .unwrap();
+    let peak_kb: f64 = peak.trim().trim_end_matches(" kB").parse().unwrap();
+    // Linux counts in hundredths of a second.
+    (ticks.iter().sum::<f64>() / 100.0, peak_kb / 1e3)
 }
 
 /// Answer of a server, head and body.

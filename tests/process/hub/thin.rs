@@ -333,6 +333,7 @@ fn kill_at_random(kills: u32) {
         );
     });
     thin.wires.iter().flatten().for_each(Wire::wait);
+    assert!(thin.wires.iter().flatten().any(Wire::met), "no network was cut");
     for place in 0..2 {
         thin.wait_until_equal(place, "thin.db");
     }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 /// Time between two looks at the state of the wire.
 const LOOK: Duration = Duration::from_millis(10);
-/// Longest cut [ms].
+/// Longest cut \[ms\].
 const LONGEST_MS: u64 = 4000;
 
 /// Behaviour of a network that is cut.
@@ -28,6 +28,8 @@ struct State {
     cut: Option<(Cut, Instant)>,
     /// Number of times at which all connections were lost.
     losses: u32,
+    /// True if a connection met a cut.
+    met: bool,
     is_over: bool,
 }
 
@@ -38,7 +40,7 @@ pub struct Wire {
 }
 
 impl State {
-    /// The cut at present, once it has ended none.
+    /// Returns the cut that lasts, if any.
     fn look(&mut self) -> Option<Cut> {
         let (cut, until) = self.cut?;
         if Instant::now() < until {
@@ -47,6 +49,14 @@ impl State {
         self.cut = None;
         self.losses += u32::from(cut == Cut::Lost);
         None
+    }
+
+    /// Says if a connection that began after so many losses goes on; `None` if it is lost.
+    fn goes_on(&mut self, born: u32) -> Option<bool> {
+        let cut = self.look();
+        let is_lost = self.losses != born;
+        self.met |= is_lost || cut.is_some();
+        (!is_lost && !self.is_over).then_some(cut.is_none())
     }
 }
 
@@ -63,13 +73,18 @@ impl Wire {
         wire
     }
 
-    /// Cuts it in a way and for a time of chance; a cut that lasts goes on as this one.
+    /// Cuts it in a random way for a random time; a cut that lasts goes on as this one.
     pub fn cut(&self, generator: &mut impl Rng) {
         let cut = [Cut::Closed, Cut::Silent, Cut::Lost][generator.random_range(0..3)];
         let lasts = Duration::from_millis(generator.random_range(50..LONGEST_MS));
         let mut state = self.state.lock().unwrap();
         state.losses += u32::from(cut == Cut::Closed);
         state.cut = Some((cut, Instant::now() + lasts));
+    }
+
+    /// True if a connection met a cut.
+    pub fn met(&self) -> bool {
+        self.state.lock().unwrap().met
     }
 
     /// Waits until it is whole again.
@@ -138,15 +153,10 @@ fn carry(mut from: &TcpStream, mut to: &TcpStream, state: &Mutex<State>, born: u
             Err(_) => return,
         };
         loop {
-            let (cut, is_lost) = {
-                let mut state = state.lock().unwrap();
-                (state.look(), state.is_over || state.losses != born)
-            };
-            if is_lost {
-                return;
-            }
-            if cut.is_none() {
-                break;
+            match state.lock().unwrap().goes_on(born) {
+                None => return,
+                Some(true) => break,
+                Some(false) => {}
             }
             thread::sleep(LOOK);
         }

@@ -1,8 +1,9 @@
 //! Runs a store's records through the plans again, without their recordings; counted as a campaign's are.
 
 use super::BadArguments;
-use super::campaign::{Became, OnEvent, Tally, is_broken_pipe};
+use super::campaign::{Became, OnEvent, is_broken_pipe};
 use super::progress::Progress;
+use super::tally::Tally;
 use crate::config::Config;
 use crate::site::analyse::{Analysed, Known};
 use crate::site::prepared::Plans;

@@ -1,15 +1,13 @@
-//! Runs recorded campaigns through the plans: every record's outcome in order, with losses reported and all
-//! counted.
+//! Runs recorded campaigns through the plans: every record's outcome in order, with losses reported.
 
+use super::BadArguments;
 use super::foreign;
 use super::progress::Progress;
-use super::topics::{Differences, Topics};
-use super::{BadArguments, WITH_LOSSES};
-use crate::analysis::identify::{LeftOut, Sensors};
+use super::tally::Tally;
 use crate::analysis::outcome::Outcome;
-use crate::analysis::signal::record::{Rejection, RodChannels, RodId, Timestamp, is_one_motion};
+use crate::analysis::signal::record::{RodChannels, RodId, is_one_motion};
 use crate::config::Config;
-use crate::recording::read::{self, Recordings, SourceError, Step, Summary};
+use crate::recording::read::{self, Recordings, SourceError, Step};
 use crate::site::analyse::{Analysed, LastSeen};
 use crate::site::driver::{self, Done, Held, Job, Taker};
 use crate::site::motion;
@@ -19,12 +17,10 @@ use crate::site::prepared::Plans;
 use crate::site::records::{AnyFile, Others, in_order};
 use crate::site::store::Position;
 use crate::site::trackers::Taken;
-use std::collections::{BTreeMap, BTreeSet, HashSet};
-use std::fmt::{self, Display};
+use std::collections::{BTreeMap, HashSet};
 use std::io;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
@@ -54,109 +50,6 @@ impl Reading {
     pub fn workers(&self) -> usize {
         let of_machine = || thread::available_parallelism().map_or(1, usize::from);
         self.threads.map_or_else(of_machine, usize::from)
-    }
-}
-
-/// Reports the result of a campaign on stderr and returns the exit code.
-pub fn conclude(tally: Option<Tally>) -> ExitCode {
-    tally.map_or(ExitCode::SUCCESS, |tally| {
-        tell!("{tally}");
-        tally.exit_code()
-    })
-}
-
-/// Result of a campaign.
-#[derive(Debug, Default)]
-pub struct Tally {
-    identified: usize,
-    rejected: BTreeMap<&'static str, usize>,
-    repeated: usize,
-    broken: usize,
-    /// Events of which nothing is known but that the program broke on them.
-    lost: usize,
-    files: usize,
-    unreadable: usize,
-    with_losses: usize,
-    /// Records that a sensor was left out of, by rod and sensor.
-    without: BTreeMap<(RodId, String), usize>,
-    /// Sensors that each rod's latest record left out.
-    out_now: BTreeMap<RodId, BTreeSet<String>>,
-    topics: Topics,
-    differences: Differences,
-    /// Rods whose records overlap in time.
-    overlapping: BTreeSet<RodId>,
-}
-
-impl Tally {
-    /// Exit code: 0 good, 1 nothing could be read or the analysis failed, 3 rejected records or lost data.
-    fn exit_code(&self) -> ExitCode {
-        if self.broken > 0 || (self.files > 0 && self.unreadable == self.files) {
-            ExitCode::FAILURE
-        } else if !self.rejected.is_empty()
-            || self.unreadable > 0
-            || self.with_losses > 0
-            || !self.without.is_empty()
-            || !self.differences.misspelt.is_empty()
-            || self.differences.is_all
-            || !self.overlapping.is_empty()
-        {
-            ExitCode::from(WITH_LOSSES)
-        } else {
-            ExitCode::SUCCESS
-        }
-    }
-}
-
-/// A number with its noun: `1 record`, `2 records`.
-fn counted(number: usize, noun: &str) -> String {
-    format!("{number} {noun}{}", if number == 1 { "" } else { "s" })
-}
-
-impl Display for Tally {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let rejected: usize = self.rejected.values().sum();
-        let records = self.identified + rejected + self.repeated + self.broken;
-        write!(f, "{}", counted(records, "record"))?;
-        if self.files > 0 {
-            write!(f, " from {}", counted(self.files, "file"))?;
-        }
-        write!(f, ": {} identified", self.identified)?;
-        if rejected > 0 {
-            let reasons: Vec<String> = self
-                .rejected
-                .iter()
-                .map(|(code, count)| format!("{count} {code}"))
-                .collect();
-            write!(f, ", {rejected} rejected ({})", reasons.join(", "))?;
-        }
-        if self.repeated > 0 {
-            write!(
-                f,
-                ", {} left out (the same data as one before, or in the store)",
-                self.repeated
-            )?;
-        }
-        if self.broken > 0 {
-            write!(f, ", {} broke the program (please report)", self.broken)?;
-        }
-        if self.unreadable > 0 {
-            write!(f, ", {} could not be read", counted(self.unreadable, "file"))?;
-        }
-        if self.with_losses > 0 {
-            write!(f, ", {} with lost data", counted(self.with_losses, "file"))?;
-        }
-        for ((rod, sensor), count) in &self.without {
-            write!(f, ", {} of rod {rod} without {sensor}", counted(*count, "record"))?;
-        }
-        for rod in &self.overlapping {
-            write!(f, ", overlapping records of rod {rod}")?;
-        }
-        match &self.differences.absent[..] {
-            [] => {}
-            [rod] => write!(f, ", nothing of rod {rod}")?,
-            rods => write!(f, ", nothing of rods {}", rods.join(", "))?,
-        }
-        Ok(())
     }
 }
 
@@ -268,10 +161,7 @@ pub fn run(
         mut tally, failure, ..
     } = delivery;
     if is_meant {
-        tally.differences = tally.topics.compare(config);
-        for sentence in &tally.differences.misspelt {
-            bar.say(&format!("warning: {sentence}"));
-        }
+        tally.compare(config, &bar);
     }
     drop(bar);
     match failure {
@@ -309,10 +199,7 @@ impl<F: OnEvent> Taker for Delivery<'_, F> {
     }
 
     fn lost(&mut self, panic: &str) {
-        self.tally.broken += 1;
-        self.tally.lost += 1;
-        self.bar
-            .say(&format!("error: the program broke on one event ({panic})"));
+        self.tally.lose(panic, self.bar);
     }
 }
 
@@ -381,120 +268,9 @@ impl<F: OnEvent> Delivery<'_, F> {
         if let (Analysed::Record(outcome), Became::New) = (&analysed, &became)
             && let Some(Change::Begins(sentence)) = self.overlaps.take(outcome, &place.origin)
         {
-            self.bar.say(&format!("warning: {sentence}"));
-            self.tally.overlapping.insert(outcome.rod().clone());
+            self.tally.overlap(outcome.rod(), &sentence, self.bar);
         }
         ControlFlow::Continue(())
-    }
-}
-
-impl Tally {
-    /// Counts an event.
-    pub fn event(&mut self, analysed: &Analysed, became: &Became, bar: &Progress) {
-        match (analysed, became) {
-            (Analysed::Readings(..), _) => {}
-            (Analysed::Record(outcome), Became::New) => self.count(outcome, bar),
-            (Analysed::Record(_), Became::Late(late)) => self.count(late, bar),
-            _ => self.repeated += 1,
-        }
-    }
-
-    /// Counts a new record.
-    fn count(&mut self, outcome: &Outcome, bar: &Progress) {
-        if let Some(sensors) = outcome.sensors() {
-            self.leave_out(outcome.rod(), outcome.start(), sensors, bar);
-        }
-        match outcome {
-            Outcome::Identified(_) | Outcome::Tabulated(_) => self.identified += 1,
-            Outcome::Rejected(rejected) if matches!(rejected.rejection, Rejection::Broken { .. }) => {
-                self.broken += 1;
-                bar.say(&format!("error: rod {}: {}", rejected.rod, rejected.rejection));
-            }
-            Outcome::Rejected(rejected) => {
-                *self.rejected.entry(rejected.rejection.code()).or_default() += 1;
-            }
-        }
-    }
-
-    /// Counts the sensors that a record leaves out; one that the rod's record before had is told.
-    fn leave_out(&mut self, rod: &RodId, start: Option<Timestamp>, sensors: &Sensors, bar: &Progress) {
-        // What is refused of one sensor is no moment of the rod: that has a row of its own.
-        if sensors.is_of_one() {
-            return;
-        }
-        let before = self.out_now.remove(rod).unwrap_or_default();
-        for LeftOut { sensor, why } in &sensors.left_out {
-            *self.without.entry((rod.clone(), sensor.clone())).or_default() += 1;
-            if !before.contains(sensor) {
-                let from = start.map_or_else(String::new, |start| format!(", from {start} on"));
-                bar.say(&format!(
-                    "warning: rod {rod}{from}: sensor {sensor} left out: {why}"
-                ));
-            }
-        }
-        let out = sensors.left_out.iter().map(|out| out.sensor.clone());
-        self.out_now.insert(rod.clone(), out.collect());
-    }
-
-    /// True if an event was lost: nothing is known of it.
-    pub fn has_lost(&self) -> bool {
-        self.lost > 0
-    }
-
-    /// Losses in words that begin with a comma; empty without any.
-    pub fn losses(&self) -> String {
-        let mut text = String::new();
-        for (count, what) in [
-            (self.unreadable, "files that could not be read"),
-            (self.with_losses, "files with lost data"),
-            (
-                self.differences.misspelt.len(),
-                "topics that are most likely misspelt",
-            ),
-            (self.overlapping.len(), "rods whose records overlap in time"),
-            (self.broken, "records that broke the analysis"),
-        ] {
-            if count > 0 {
-                text += &format!(", {count} {what}");
-            }
-        }
-        text
-    }
-
-    /// Counts a file and reports its faults; without `is_meant` the rod searched for was the built-in one.
-    fn file(&mut self, result: &Result<Summary, SourceError>, is_meant: bool, bar: &Progress) {
-        self.files += 1;
-        let summary = match result {
-            Ok(summary) => summary,
-            Err(error) => {
-                self.unreadable += 1;
-                return bar.say(&format!("error: {error}"));
-            }
-        };
-        self.topics.take(summary);
-        for note in &summary.notes {
-            bar.say(note);
-        }
-        for fault in summary.faults() {
-            bar.say(&format!("warning: {fault}"));
-        }
-        if summary.has_nothing() {
-            self.unreadable += 1;
-            if let Some(absence) = summary.absence() {
-                bar.say(&format!("error: {absence}"));
-            }
-            if !is_meant {
-                bar.say(
-                    "no --config was given, so the built-in rod of the paper was looked for: `tirante measure FILE` asks for yours, \
-                     `tirante init FILE` writes its configuration",
-                );
-            }
-        } else {
-            self.with_losses += usize::from(summary.lost_data());
-            if let Some(absence) = summary.absence() {
-                tracing::info!("{absence}");
-            }
-        }
     }
 }
 

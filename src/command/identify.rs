@@ -11,6 +11,7 @@ use super::listing::folded;
 use super::progress::Progress;
 use super::setup::{self, Setup};
 use super::sketch::{self, When};
+use super::tally;
 use super::tests_of_rod::{TestFlags, Tests};
 use super::{BadArguments, WITH_LOSSES};
 use crate::analysis::identify::Plan;
@@ -196,7 +197,7 @@ fn from_recordings(args: &Args) -> anyhow::Result<ExitCode> {
         driver::knowing(&known),
         on_event,
     )?;
-    let code = campaign::conclude(tally);
+    let code = tally::conclude(tally);
     Ok(match refused_with_tests && code == ExitCode::SUCCESS {
         true => ExitCode::from(WITH_LOSSES),
         false => code,

@@ -10,6 +10,7 @@ use super::rod_flags::{Rod, RodFlags};
 use super::sensor::{Sensor, Wanted};
 use super::setup::{self, GivenUp, Prepared};
 use super::sketch::{self, When};
+use super::tally;
 use super::template::{self, Template};
 use super::{findings, report};
 use crate::analysis::findings::{Candidate, Doubt};
@@ -177,7 +178,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             Ok(Became::New)
         },
     )?;
-    let code = campaign::conclude(tally);
+    let code = tally::conclude(tally);
     if records > 0 {
         files.keep(&text, forces > 0, |page| {
             report::write(site.store(), None, page)?;

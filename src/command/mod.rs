@@ -55,6 +55,7 @@ pub mod sketch;
 pub mod spectrum;
 pub mod status;
 pub mod study;
+mod tally;
 mod template;
 mod tests_of_rod;
 mod topics;

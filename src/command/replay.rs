@@ -11,6 +11,7 @@ use super::report;
 use super::setup::{self, GivenUp, Prepared, Setup};
 use super::sketch::{self, When};
 use super::status;
+use super::tally;
 use super::which_store::{Format, Output};
 use crate::analysis::outcome::Outcome;
 use crate::analysis::record_view::Snapshot;
@@ -205,7 +206,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         )?,
     };
     let has_seen_all = tally.is_some();
-    let code = campaign::conclude(tally);
+    let code = tally::conclude(tally);
     if has_seen_all {
         // Of a store without any record there is nothing to tell.
         if site.store().last_record()? > 0 {

@@ -1,10 +1,11 @@
 //! `tirante fleet task`: one site of a plan, as a task of any batch scheduler.
 
 use super::super::again;
-use super::super::campaign::{self, Became, Reading, Tally};
+use super::super::campaign::{self, Became, Reading};
 use super::super::foreign::Foreign;
 use super::super::progress::Progress;
 use super::super::setup::{self, GivenUp, Prepared};
+use super::super::tally::Tally;
 use super::super::{BadArguments, print};
 use super::part::search;
 use super::{place, refused};

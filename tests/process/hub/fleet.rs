@@ -590,14 +590,16 @@ impl Fleet {
         }
     }
 
-    /// Cuts one of the networks in a random way for a random time.
-    pub fn cut(&self, generator: &mut impl Rng) {
-        self.wires[generator.random_range(0..self.wires.len())].cut(generator);
+    /// Cuts one of the networks, once it is in use, in a random way for a random time.
+    pub fn cut(&mut self, generator: &mut impl Rng) {
+        let place = generator.random_range(0..self.wires.len());
+        self.wait("the network is in use", |fleet| fleet.wires[place].is_used());
+        self.wires[place].cut(generator);
     }
 
-    /// True if a connection met a cut.
-    pub fn met_a_cut(&self) -> bool {
-        self.wires.iter().any(Wire::met)
+    /// Number of cuts that a connection met.
+    pub fn cuts_met(&self) -> u32 {
+        self.wires.iter().map(Wire::met).sum()
     }
 
     /// Waits until every network is whole.

@@ -28,8 +28,11 @@ struct State {
     cut: Option<(Cut, Instant)>,
     /// Number of times at which all connections were lost.
     losses: u32,
-    /// True if a connection met a cut.
-    met: bool,
+    /// Number of connections' ways that are open.
+    open: u32,
+    /// True if a connection met the present cut, and the number of cuts that one met.
+    is_met: bool,
+    met: u32,
     is_over: bool,
 }
 
@@ -55,7 +58,10 @@ impl State {
     fn goes_on(&mut self, born: u32) -> Option<bool> {
         let cut = self.look();
         let is_lost = self.losses != born;
-        self.met |= is_lost || cut.is_some();
+        if (is_lost || cut.is_some()) && !self.is_met {
+            self.is_met = true;
+            self.met += 1;
+        }
         (!is_lost && !self.is_over).then_some(cut.is_none())
     }
 }
@@ -73,17 +79,23 @@ impl Wire {
         wire
     }
 
+    /// True if a connection is open.
+    pub fn is_used(&self) -> bool {
+        self.state.lock().unwrap().open > 0
+    }
+
     /// Cuts it in a random way for a random time; a cut that lasts goes on as this one.
     pub fn cut(&self, generator: &mut impl Rng) {
         let cut = [Cut::Closed, Cut::Silent, Cut::Lost][generator.random_range(0..3)];
         let lasts = Duration::from_millis(generator.random_range(50..LONGEST_MS));
         let mut state = self.state.lock().unwrap();
         state.losses += u32::from(cut == Cut::Closed);
+        state.is_met = false;
         state.cut = Some((cut, Instant::now() + lasts));
     }
 
-    /// True if a connection met a cut.
-    pub fn met(&self) -> bool {
+    /// Number of cuts that a connection met.
+    pub fn met(&self) -> u32 {
         self.state.lock().unwrap().met
     }
 
@@ -135,7 +147,9 @@ fn serve(listener: &TcpListener, port: u16, state: &Arc<Mutex<State>>) {
         for (from, to) in [(client, server), back] {
             let state = Arc::clone(state);
             thread::spawn(move || {
+                state.lock().unwrap().open += 1;
                 carry(&from, &to, &state, born);
+                state.lock().unwrap().open -= 1;
                 let _ = (from.shutdown(Shutdown::Both), to.shutdown(Shutdown::Both));
             });
         }

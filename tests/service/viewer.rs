@@ -281,7 +281,7 @@ fn rods_and_alarms_that_come_later_are_told() {
     let site = campaign();
     // The first weeks, of a site that has only one rod yet.
     let second = SITE.rfind("[[rod]]").unwrap();
-    let alone = format!("{}{}", &SITE[..second], &SITE[SITE.find("[track]").unwrap()..]);
+    let alone = format!("{}{}", &SITE[..second], &SITE[SITE.find("[abc]").unwrap()..]);
     std::fs::write(site.path("alone.toml"), alone).unwrap();
     let weeks = ["archive/week-0.mcap", "archive/week-1.mcap"];
     let words = [

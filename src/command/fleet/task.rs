@@ -37,7 +37,7 @@ pub(super) const TOLD_EVERY: Duration = Duration::from_secs(60);
 
 /// Run one task of a plan: what `replay --store` does, for one site.
 ///
-/// The result is RESULTS/SITE/HASH.db (of a part HASH.part-K-of-N), a store like any other, named by the hash of configuration, files and version
+/// The result is RESULTS/SITE/HASH.db, a store like any other (that of a part HASH.part-K-of-N, for the site's task), named by the hash of configuration, files and version
 /// of the analysis. It appears when it is whole. Killed anywhere and run again, the task ends in the same result;
 /// run once more, it ends at once.
 ///

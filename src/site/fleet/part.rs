@@ -119,11 +119,12 @@ pub fn search(
     let records = std::iter::from_fn(|| {
         loop {
             match recordings.next()? {
-                Step::Event(Event::Record(record), _) => {
-                    let rod = *rods.get(&record.rod)?;
-                    if part.has(rod, rods.len(), &record) {
-                        return Some(record);
-                    }
+                Step::Event(Event::Record(record), _)
+                    if rods
+                        .get(&record.rod)
+                        .is_some_and(|&rod| part.has(rod, rods.len(), &record)) =>
+                {
+                    return Some(record);
                 }
                 Step::File(Err(error @ SourceError::Io { .. })) => {
                     *refused.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);

@@ -12,8 +12,9 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
-/// Format of a plan's lines, and that of lines of parts, which an older program would take for the whole site.
+/// Format of a plan's lines.
 pub const FORMAT: u32 = 1;
+/// Format of lines of parts, which an older program would take for the whole site.
 pub const PART_FORMAT: u32 = 2;
 
 /// Longest line of a plan \[bytes\]: a site of a hundred thousand files.

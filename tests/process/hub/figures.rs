@@ -88,20 +88,26 @@ fn delay_from_record_to_centre() {
     );
 }
 
+/// A hub that has all of one site, which is stopped, and the names of further sites on its list (`SITES`).
+fn many(storage: Storage) -> Option<(Fleet, Vec<String>)> {
+    let sites: usize = std::env::var("SITES").map_or(100, |text| text.parse().unwrap());
+    let mut fleet = Fleet::of(&["todi"], storage)?;
+    let names: Vec<String> = (0..sites).map(|number| format!("site-{number:04}")).collect();
+    fleet.list_more(&names);
+    fleet.start();
+    fleet.wait_until_equal();
+    fleet.stop_edge(0);
+    Some((fleet, names))
+}
+
 /// Rate of folding: a site's messages, one commit each as they come from a site at work, under many names.
 #[test]
 #[ignore = "minutes; prints figures"]
 fn rate_of_folding() {
-    let sites: usize = std::env::var("SITES").map_or(100, |text| text.parse().unwrap());
     for storage in [Storage::Postgres, Storage::Sqlite] {
-        let Some(mut fleet) = Fleet::of(&["todi"], storage) else {
+        let Some((mut fleet, names)) = many(storage) else {
             return;
         };
-        let names: Vec<String> = (0..sites).map(|number| format!("site-{number:04}")).collect();
-        fleet.list_more(&names);
-        fleet.start();
-        fleet.wait_until_equal();
-        fleet.stop_edge(0);
         fleet.stop_hub();
         let address = format!("127.0.0.1:{}", fleet.nats_port());
         let runtime = tokio::runtime::Builder::new_current_thread()
@@ -169,15 +175,10 @@ async fn originals(jetstream: &jetstream::Context) -> Vec<Message> {
 #[test]
 #[ignore = "minutes; prints figures"]
 fn many_sites_come_back_together() {
-    let sites: usize = std::env::var("SITES").map_or(100, |text| text.parse().unwrap());
-    let Some(mut fleet) = Fleet::of(&["todi"], Storage::Postgres) else {
+    let Some((fleet, names)) = many(Storage::Postgres) else {
         return;
     };
-    let names: Vec<String> = (0..sites).map(|number| format!("site-{number:04}")).collect();
-    fleet.list_more(&names);
-    fleet.start();
-    fleet.wait_until_equal();
-    fleet.stop_edge(0);
+    let sites = names.len();
     let address = format!("127.0.0.1:{}", fleet.nats_port());
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(1)

@@ -9,10 +9,13 @@ use super::settings::http::HttpSettings;
 use super::settings::hub::{CopiesSettings, PostgresSettings, SiteSettings, Storage};
 use super::value::toml_floats;
 use super::{ConfigError, forward, http, parse_tables, read_text, sink};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 const HOUR_S: f64 = 3600.0;
 const DAY_S: f64 = 24.0 * HOUR_S;
+/// Most sites of one hub.
+const MOST_SITES: usize = 10_000;
 
 /// Configuration of the centre.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,7 +30,7 @@ pub struct HubConfig {
     pub storage: Storage,
     /// Page, health and metrics.
     pub http: HttpSettings,
-    /// Sites whose messages are taken.
+    /// Sites whose messages are taken, in the order of their names.
     pub sites: Vec<SiteSettings>,
     /// Destinations of what the hub has to say of itself and its sites.
     pub sinks: Vec<SinkSettings>,
@@ -113,14 +116,18 @@ impl HubConfig {
             }
         };
         let http = root.section("http", "Page, health and metrics.", http::read);
-        let mut names: Vec<String> = Vec::new();
-        let sites = root.list("site", "A site whose messages are taken.", |table| {
+        let mut names = BTreeSet::new();
+        let meaning = "A site whose messages are taken.";
+        let mut sites = root.list_of(MOST_SITES, "site", meaning, |table| {
             let site = site(table)?;
-            if names.contains(&site.name) {
+            if !names.insert(site.name.clone()) {
                 table.fault_of("name", format!("\"{}\" stands twice", site.name));
             }
-            names.push(site.name.clone());
             Some(site)
+        });
+        sites.sort_by(|one, other| {
+            let names = [one, other].map(|site| site.as_ref().map(|site| &site.name));
+            names[0].cmp(&names[1])
         });
         let has_thin = sites.iter().flatten().any(|site| site.config.is_some());
         if has_thin && matches!(storage, Some(Storage::Sqlite(_))) {
@@ -194,7 +201,8 @@ impl HubConfig {
 
     /// The site called `name`.
     pub fn site(&self, name: &str) -> Option<&SiteSettings> {
-        self.sites.iter().find(|site| site.name == name)
+        let place = self.sites.binary_search_by(|site| site.name.as_str().cmp(name));
+        self.sites.get(place.ok()?)
     }
 
     /// True for a site without a computer, which workers write.
@@ -392,6 +400,27 @@ mod tests {
         let config = HubConfig::parse(&with_sink.join("\n"), "hub.toml").unwrap();
         assert_eq!((config.sinks.len(), config.outbox.is_some()), (1, true));
         assert!(config.sites[0].position.is_some());
+    }
+
+    #[test]
+    fn thousands_of_sites_are_found_by_name_in_any_order() {
+        let of = |count: usize| {
+            let names = (0..count)
+                .rev()
+                .map(|number| format!("[[site]]\nname = \"s{number}\"\n"));
+            let text = format!("{LEAST}{}[sqlite]\npath = \"c.db\"\n", names.collect::<String>());
+            HubConfig::parse(&text, "hub.toml")
+        };
+        let config = of(MOST_SITES - 1).unwrap();
+        for name in ["todi", "s0", "s42", "s9998"] {
+            assert_eq!(config.site(name).unwrap().name, name);
+        }
+        assert_eq!(config.site("s9999"), None);
+        let refused = of(MOST_SITES).unwrap_err().to_string();
+        assert!(
+            refused.contains("stands 10001 times, at most 10000 are allowed"),
+            "{refused}"
+        );
     }
 
     #[test]

@@ -11,7 +11,7 @@ use super::value::Value;
 use std::fmt::Display;
 use toml::de::DeTable;
 
-/// Most elements of an array of tables.
+/// Most elements of an array of tables without a bound of its own.
 const MOST_ELEMENTS: usize = 1000;
 
 /// A key: name, meaning, and condition for an effect.
@@ -175,6 +175,17 @@ impl<'t> Table<'t> {
         &mut self,
         name: &'static str,
         meaning: &'static str,
+        read: impl FnMut(&mut Table<'t>) -> T,
+    ) -> Vec<T> {
+        self.list_of(MOST_ELEMENTS, name, meaning, read)
+    }
+
+    /// Reads every `[[name]]`, `most` of them.
+    pub(super) fn list_of<T>(
+        &mut self,
+        most: usize,
+        name: &'static str,
+        meaning: &'static str,
         mut read: impl FnMut(&mut Table<'t>) -> T,
     ) -> Vec<T> {
         let Some(value) = self.value(name) else {
@@ -182,13 +193,13 @@ impl<'t> Table<'t> {
         };
         let mut results = Vec::new();
         let elements = value.array_of_tables(name);
-        if elements.len() > MOST_ELEMENTS {
+        if elements.len() > most {
             value.fault(format!(
-                "stands {} times, at most {MOST_ELEMENTS} are allowed",
+                "stands {} times, at most {most} are allowed",
                 elements.len()
             ));
         }
-        for element in elements.into_iter().take(MOST_ELEMENTS) {
+        for element in elements.into_iter().take(most) {
             let Some(entries) = element.table() else { continue };
             let node = self.node.child(name, meaning, true);
             let mut table = Table::new(self.faults, element.key.clone(), element.at, Some(entries), node);

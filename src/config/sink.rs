@@ -15,6 +15,7 @@ use crate::config::settings::alert::{
     SinkSettings, WebhookSettings,
 };
 use lettre::message::Mailbox;
+use std::collections::BTreeSet;
 use text::{Address, address, header, mailbox, topic};
 
 /// Words allowed for `kind`.
@@ -39,7 +40,7 @@ pub(super) enum Whose<'c> {
     /// Those of a site with these rods.
     Site(&'c [Option<RodConfig>]),
     /// Those of a centre with these sites.
-    Centre(&'c [String]),
+    Centre(&'c BTreeSet<String>),
 }
 
 /// Reads all sinks; their filters name rods, at a centre sites.
@@ -396,9 +397,9 @@ fn rod(value: &Value<'_>, rods: &[Option<RodConfig>]) -> Option<RodId> {
     is_known.then(|| RodId(id.to_owned()))
 }
 
-fn site(value: &Value<'_>, known: &[String]) -> Option<String> {
+fn site(value: &Value<'_>, known: &BTreeSet<String>) -> Option<String> {
     let name = value.name_string()?;
-    if !known.iter().any(|site| site == name) {
+    if !known.contains(name) {
         value.fault(format!("there is no [[site]] with name \"{name}\""));
         return None;
     }

@@ -15,13 +15,16 @@ use tokio::sync::watch;
 
 /// Longest time to stop by itself.
 const STOP_WITHIN: Duration = Duration::from_secs(5);
+/// Conditions that may hold of one site: silence, clock, parked messages.
+const CONDITIONS_OF_SITE: usize = 3;
 
 /// Checks everything once, then folds until SIGTERM or SIGINT.
 ///
 /// # Errors
 /// Server, stream or database are not fit, or the address is taken.
 pub fn run(config: HubConfig) -> anyhow::Result<ExitCode> {
-    let (health, stopping) = (Arc::<Health>::default(), Arc::<AtomicBool>::default());
+    let room = CONDITIONS_OF_SITE * config.sites.len();
+    let (health, stopping) = (Arc::new(Health::with_room(room)), Arc::<AtomicBool>::default());
     let access = Access::of(&config.http)?;
     let listener = http::listen(&config.http)?;
     let runtime = tokio::runtime::Builder::new_multi_thread()

@@ -4,7 +4,7 @@
 use crate::analysis::signal::record::Timestamp;
 use crate::service::telemetry::{Condition, Fault};
 use crate::site::store::ConditionEvent;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
 /// Time after which an end is forgotten.
@@ -90,10 +90,13 @@ impl Conditions {
             }
         }
         let (settle, ends) = (self.settle, &mut self.ends);
+        let lasting: BTreeSet<(&str, &str)> = lasting
+            .iter()
+            .map(|condition| (condition.fault.code(), condition.about.as_str()))
+            .collect();
         self.open.retain(|key, open| {
             let (fault, about) = key;
-            let mut lasting = lasting.iter();
-            if lasting.any(|condition| condition.fault.code() == fault && condition.about == *about) {
+            if lasting.contains(&(fault.as_str(), about.as_str())) {
                 return true;
             }
             if !open.is_told {

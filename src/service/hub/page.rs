@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::Mutex;
 
 /// Time for which a list is shown again without asking the database.
-const FRESH: Duration = Duration::from_secs(1);
+const FRESH: Duration = Duration::from_millis(500);
 
 /// Time within which the database must answer.
 const ANSWER: Duration = Duration::from_secs(10);
@@ -93,7 +93,7 @@ impl Page {
             .with_state(self)
     }
 
-    /// The list, at most a second old.
+    /// The list, at most as old as [`FRESH`].
     async fn asked(self) -> Result<Arc<Vec<SiteRow>>, Response> {
         let unavailable = |error: String| (StatusCode::SERVICE_UNAVAILABLE, error + "\n").into_response();
         let late = |_| unavailable("the database does not answer".to_owned());

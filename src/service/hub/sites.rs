@@ -8,7 +8,7 @@ use crate::config::settings::hub::SiteSettings;
 use crate::service::forward::beat::Lasting;
 use rusqlite::types::Value;
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What is worst about a site; later is worse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -141,20 +141,20 @@ pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result
         true => centre.holders()?,
         false => BTreeMap::new(),
     };
-    let mut names: Vec<String> = listed.iter().map(|site| site.name.clone()).collect();
-    names.extend(
-        known
-            .keys()
-            .filter(|name| !listed.iter().any(|site| site.name == **name))
-            .cloned(),
-    );
+    let listed: BTreeMap<&str, &SiteSettings> =
+        listed.iter().map(|site| (site.name.as_str(), site)).collect();
+    let names: BTreeSet<&str> = listed
+        .keys()
+        .copied()
+        .chain(known.keys().map(String::as_str))
+        .collect();
     let mut rows = Vec::new();
     for name in names {
-        let settings = listed.iter().find(|site| site.name == name);
-        let state = known.get(&name).cloned().unwrap_or_default();
+        let settings = listed.get(name);
+        let state = known.get(name).cloned().unwrap_or_default();
         let history = state.history();
-        let rods = rods.remove(&name).unwrap_or_default();
-        let heard = beats.get(&name);
+        let rods = rods.remove(name).unwrap_or_default();
+        let heard = beats.get(name);
         let heard_ns = heard_ns(Some(&state), heard);
         let silent_s = (heard_ns > 0).then(|| now_ns.saturating_sub(heard_ns) as f64 * 1e-9);
         let clock_off_s = heard.map(Heard::clock_off_s);
@@ -162,10 +162,10 @@ pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result
         let of_present =
             heard.filter(|heard| history.is_none_or(|history| history.epoch == heard.beat.epoch));
         let stopped_since = heard.and_then(|heard| heard.beat.stopped_since);
-        let alarms = integer(alarms.get(&name));
-        let parked = integer(parked.get(&name));
+        let alarms = integer(alarms.get(name));
+        let parked = integer(parked.get(name));
         let is_silent = settings.is_some_and(|site| silent_s.is_some_and(|silent| silent > site.silent_s));
-        let worker = holders.get(&name).cloned();
+        let worker = holders.get(name).cloned();
         let is_idle = settings.is_some_and(|site| site.config.is_some()) && worker.is_none();
         let has = |state: &str| rods.contains_key(state);
         let worst = if alarms > 0 || has("alarm") {
@@ -213,7 +213,7 @@ pub fn list(centre: &mut Centre, listed: &[SiteSettings], now_ns: i64) -> Result
             link: settings.and_then(|site| site.link.clone()),
             worker,
             is_idle,
-            site: name,
+            site: name.to_owned(),
         });
     }
     rows.sort_by(|one, other| {

@@ -15,6 +15,14 @@ pub struct Health {
 }
 
 impl Health {
+    /// A health with room for so many conditions more than a daemon of one site has.
+    pub fn with_room(room: usize) -> Self {
+        Self {
+            ledger: Mutex::new(Ledger::with_room(room)),
+            ..Self::default()
+        }
+    }
+
     /// Counts a fault, and logs it unless one of its kind was logged less than a minute ago.
     pub fn fault(&self, fault: Fault, detail: impl Display) {
         let line = self.ledger().fault(fault, &detail.to_string(), Instant::now());
@@ -31,10 +39,7 @@ impl Health {
 
     /// True if this condition holds now.
     pub fn lasts(&self, fault: Fault, about: &str) -> bool {
-        let conditions = self.conditions();
-        conditions
-            .iter()
-            .any(|lasting| lasting.fault == fault && lasting.about == about)
+        self.ledger().lasts(fault, about)
     }
 
     /// Ends a lasting fault, if present.

@@ -11,7 +11,7 @@ const LOG_EVERY: Duration = Duration::from_secs(60);
 /// Time for which a past fault makes the state `degraded`.
 const REMEMBERED: Duration = Duration::from_secs(15 * 60);
 
-/// Most conditions held at once: their subjects may come from outside.
+/// Most conditions held at once without further room: their subjects may come from outside.
 const MOST_CONDITIONS: usize = 256;
 
 /// Longest detail kept, in characters.
@@ -36,6 +36,8 @@ pub(super) struct Ledger {
     kinds: BTreeMap<Fault, Kind>,
     conditions: BTreeMap<(Fault, String), Condition>,
     phase: Phase,
+    /// Number of conditions that may be held beyond [`MOST_CONDITIONS`].
+    room: usize,
 }
 
 #[derive(Debug, Default)]
@@ -48,6 +50,14 @@ struct Kind {
 }
 
 impl Ledger {
+    /// A ledger with room for so many conditions more.
+    pub(super) fn with_room(room: usize) -> Self {
+        Self {
+            room,
+            ..Self::default()
+        }
+    }
+
     /// Counts a fault; returns the line to log, unless one of its kind was logged less than a minute ago.
     pub(super) fn fault(&mut self, fault: Fault, detail: &str, now: Instant) -> Option<String> {
         let detail = clean(detail);
@@ -74,7 +84,7 @@ impl Ledger {
             return None;
         }
         let line = self.fault(fault, detail, now);
-        if self.conditions.len() < MOST_CONDITIONS {
+        if self.conditions.len() < MOST_CONDITIONS + self.room {
             let condition = Condition {
                 fault,
                 about: key.1.clone(),
@@ -85,6 +95,11 @@ impl Ledger {
             self.conditions.insert(key, condition);
         }
         line
+    }
+
+    /// True if this condition holds now.
+    pub(super) fn lasts(&self, fault: Fault, about: &str) -> bool {
+        self.conditions.contains_key(&(fault, clean(about)))
     }
 
     /// Ends a condition; returns the line to log, if its begin was logged or it lasted for a while.
@@ -288,5 +303,11 @@ mod tests {
         }
         assert_eq!(ledger.conditions().len(), MOST_CONDITIONS);
         assert_eq!(ledger.count(Fault::Recording), 10_000);
+        let mut roomy = Ledger::with_room(44);
+        for number in 0..10_000 {
+            roomy.hold(Fault::Silent, &format!("site {number}"), "nothing came", now);
+        }
+        assert_eq!(roomy.conditions().len(), MOST_CONDITIONS + 44);
+        assert!(roomy.lasts(Fault::Silent, "site 299") && !roomy.lasts(Fault::Silent, "site 300"));
     }
 }

@@ -282,13 +282,9 @@ fn a_site_searched_in_parts_ends_in_the_bytes_of_its_own_task() {
     };
     // Killed at any time, and two at once: run again, each part is whole.
     let mut generator = random::stream(random::seed(&[b"parts"]), 1);
-    for kill in 0..8 {
-        let line = format!(
-            "fleet task parts.jsonl --index {} --out all --threads 1",
-            kill % 4
-        );
+    let mut killed = |line: &str| {
         let mut children = [(); 2].map(|()| {
-            let mut command = site.command(&words(&line).collect::<Vec<_>>());
+            let mut command = site.command(&words(line).collect::<Vec<_>>());
             command
                 .stdout(Stdio::null())
                 .stderr(Stdio::null())
@@ -300,6 +296,12 @@ fn a_site_searched_in_parts_ends_in_the_bytes_of_its_own_task() {
             let _ = child.kill();
             child.wait().unwrap();
         }
+    };
+    for kill in 0..8 {
+        let index = kill % 4;
+        killed(&format!(
+            "fleet task parts.jsonl --index {index} --out all --threads 1"
+        ));
     }
     array(&site, "slurm", "parts.jsonl", "all").done();
     let again = array(&site, "slurm", "parts.jsonl", "all").done();
@@ -327,6 +329,17 @@ fn a_site_searched_in_parts_ends_in_the_bytes_of_its_own_task() {
         fs::create_dir_all(site.path(&format!("{results}/badia"))).unwrap();
         fs::write(site.path(&format!("{results}/{}", name(number))), bytes).unwrap();
     };
+    // The site's own task, killed at any time and two at once beside all parts: run again, it ends in the same bytes.
+    for number in 0..4 {
+        put("killed", number, &of(number));
+    }
+    for _ in 0..6 {
+        killed("fleet task plan.jsonl --index 0 --out killed --threads 1");
+    }
+    let ended = of_one("killed");
+    let is_known = ended.out.contains("is there already");
+    assert!(is_known || searched(&ended) == sum, "{}", ended.out);
+    alone("killed");
     // All of them; one alone; the others damaged; none.
     assert_eq!(searched(&of_one("all")), sum);
     alone("all");
@@ -682,14 +695,23 @@ fn size_of(folder: &Path) -> u64 {
         .sum()
 }
 
+/// A number from the environment.
+fn number(name: &str, default: usize) -> usize {
+    std::env::var(name).map_or(default, |text| text.parse().unwrap())
+}
+
+/// Wall time of an act, and processor time of its children \[s\].
+fn timed(act: impl FnOnce()) -> (f64, f64) {
+    let (begun, before_s) = (std::time::Instant::now(), children_s());
+    act();
+    (begun.elapsed().as_secs_f64(), children_s() - before_s)
+}
+
 /// Share of two cores that an array of two at once turns into results, and the cost of 88 million records:
 /// `SITES=8 RECORDS=500 cargo test --release --test command -- --ignored --nocapture fleet::efficiency`, on a quiet machine.
 #[test]
 #[ignore = "a measurement"]
 fn efficiency() {
-    let number = |name: &str, default: usize| -> usize {
-        std::env::var(name).map_or(default, |text| text.parse().unwrap())
-    };
     let (sites, records) = (number("SITES", 8), number("RECORDS", 500));
     let site = Site::new(SITE);
     fs::create_dir_all(site.path("configs")).unwrap();
@@ -710,24 +732,19 @@ fn efficiency() {
         let changed = banded.replace("mean = 150e3, cv = 0.2", "mean = 140e3, cv = 0.3");
         fs::write(site.path(&format!("new/{number}.toml")), changed).unwrap();
     }
-    let timed = |act: &dyn Fn()| {
-        let (begun, before_s) = (std::time::Instant::now(), children_s());
-        act();
-        (begun.elapsed().as_secs_f64(), children_s() - before_s)
-    };
-    let (plan_s, _) = timed(&|| {
+    let (plan_s, _) = timed(|| {
         planned(&site, "archive --configs configs", "plan.jsonl");
     });
-    let alone = timed(&|| {
+    let alone = timed(|| {
         for index in 0..sites {
             let line = format!("fleet task plan.jsonl --out alone --index {index} --threads 1");
             tirante(&site.folder, &line).done();
         }
     });
-    let both = timed(&|| drop(array(&site, "slurm", "plan.jsonl", "both").done()));
+    let both = timed(|| drop(array(&site, "slurm", "plan.jsonl", "both").done()));
     planned(&site, "both --from-stores --configs new", "again.jsonl");
-    let again = timed(&|| drop(array(&site, "slurm", "again.jsonl", "again").done()));
-    let (collect_s, collect_cpu_s) = timed(&|| {
+    let again = timed(|| drop(array(&site, "slurm", "again.jsonl", "again").done()));
+    let (collect_s, collect_cpu_s) = timed(|| {
         tirante(
             &site.folder,
             "fleet collect plan.jsonl --results both --out fleet.db",
@@ -767,5 +784,51 @@ fn efficiency() {
         million * 1e-3 * each("archive") * 1e-3,
         million * 1e-3 * each("both") * 1e-3,
         million * 1e6 * collect_s / all / 3600.0
+    );
+}
+
+/// Time until one costly site is done by its own task, and by parts, two at once, before that task:
+/// `RECORDS=300 cargo test --release --test command -- --ignored --nocapture fleet::one_costly_site`, on a quiet machine.
+#[test]
+#[ignore = "a measurement"]
+fn one_costly_site_in_parts() {
+    let records = number("RECORDS", 300);
+    let site = Site::new(SITE);
+    for folder in ["configs", "archive/badia"] {
+        fs::create_dir_all(site.path(folder)).unwrap();
+    }
+    // Records of ten minutes at 100 Hz, an hour apart.
+    let simulated = Part::new(0, records)
+        .config(SITE)
+        .replace("interval_s = 86_400.0", "interval_s = 3600.0")
+        .replace("record_s = 30.0", "record_s = 600.0");
+    site.simulate_as("archive/badia/weeks.mcap", &simulated, 1);
+    fs::write(site.path("configs/badia.toml"), SITE).unwrap();
+    let own = planned(&site, "archive --configs configs", "plan.jsonl");
+    let half_s = own[0]["cost_s"].as_f64().unwrap() / 1.9;
+    let line = format!("archive --configs configs --split {half_s}");
+    let parts = planned(&site, &line, "parts.jsonl");
+    let task = |results: &str| {
+        let line = format!("fleet task plan.jsonl --out {results} --index 0 --threads 1");
+        tirante(&site.folder, &line).done()
+    };
+    let alone = timed(|| drop(task("alone")));
+    let searched = timed(|| drop(array(&site, "slurm", "parts.jsonl", "split").done()));
+    let rest = timed(|| assert!(task("split").contains(" searched in parts")));
+    let of = |results: &str| fs::read(site.path(&result(&own[0], results))).unwrap();
+    assert!(of("alone") == of("split"));
+    println!(
+        "{} records: its own task {:.1} s ({:.1} s of processor); {} parts, two at once, {:.1} s ({:.1} s), and the task after them \
+         {:.1} s ({:.1} s): {:.2} of the time, {:.2} of the processor's",
+        2 * records,
+        alone.0,
+        alone.1,
+        parts.len(),
+        searched.0,
+        searched.1,
+        rest.0,
+        rest.1,
+        (searched.0 + rest.0) / alone.0,
+        (searched.1 + rest.1) / alone.1,
     );
 }

@@ -1,5 +1,6 @@
 //! Connection to NATS: login, encryption, the version of the server, and its reasons for refusing.
 
+use super::throttle;
 use crate::config::settings::credential::CredentialError;
 use crate::config::settings::forward::NatsSettings;
 use async_nats::jetstream::{self, Context};
@@ -51,14 +52,23 @@ pub enum LinkError {
     Failed(String),
 }
 
-/// A connection.
+/// A connection; copies are of the same one.
+#[derive(Clone)]
 pub struct Link {
     /// The client.
     pub client: Client,
     /// Its requests to JetStream.
     pub jetstream: Context,
-    said: Arc<Mutex<Option<String>>>,
+    said: Arc<Mutex<Said>>,
     is_lost: watch::Receiver<bool>,
+}
+
+/// What the server said last beside its answers.
+#[derive(Default)]
+struct Said {
+    last: Option<String>,
+    /// The same about the pauses, which no request waits for: it explains no failure.
+    of_pauses: Option<String>,
 }
 
 impl Link {
@@ -68,7 +78,7 @@ impl Link {
     /// The server cannot be reached, refuses, or is too old.
     pub async fn open(settings: &NatsSettings, name: &str) -> Result<Self, LinkError> {
         let url = settings.url();
-        let said = Arc::<Mutex<Option<String>>>::default();
+        let said = Arc::<Mutex<Said>>::default();
         let hears = Arc::clone(&said);
         let (lose, is_lost) = watch::channel(false);
         let mut options = ConnectOptions::new()
@@ -82,7 +92,13 @@ impl Link {
             .event_callback(move |event| {
                 match &event {
                     Event::ServerError(error) => {
-                        *hears.lock().unwrap_or_else(PoisonError::into_inner) = Some(error.to_string());
+                        let text = error.to_string();
+                        let mut said = hears.lock().unwrap_or_else(PoisonError::into_inner);
+                        if text.contains(throttle::SUBJECT) {
+                            said.of_pauses = Some(text);
+                        } else {
+                            said.last = Some(text);
+                        }
                     }
                     Event::Disconnected | Event::Closed => {
                         lose.send_replace(true);
@@ -143,17 +159,33 @@ impl Link {
         tokio::select! {
             done = work => done,
             _ = is_lost.wait_for(|is_lost| *is_lost) => {
-                let said = self.said.lock().unwrap_or_else(PoisonError::into_inner).take();
-                let said = said.map(|said| format!(" ({said})")).unwrap_or_default();
+                let said = self.take_said().map(|said| format!(" ({said})")).unwrap_or_default();
                 Err(LinkError::Failed(format!("the connection was lost{said}")).into())
             }
         }
     }
 
+    /// What the server said last beside its answers; it is forgotten then.
+    fn take_said(&self) -> Option<String> {
+        self.said
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .last
+            .take()
+    }
+
+    /// The server's refusal to hear or tell the pauses; it is forgotten then.
+    pub fn take_refused_pauses(&self) -> Option<String> {
+        let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+        said.of_pauses.take()
+    }
+
     /// Error of a request, with what the server said meanwhile: it tells who may not publish only beside the answer.
     pub fn failed(&self, what: &str, error: &dyn std::error::Error) -> LinkError {
-        let said = self.said.lock().unwrap_or_else(PoisonError::into_inner).take();
-        let said = said.map(|said| format!(" ({said})")).unwrap_or_default();
+        let said = self
+            .take_said()
+            .map(|said| format!(" ({said})"))
+            .unwrap_or_default();
         LinkError::Failed(format!("{what}: {}{said}", chain(error)))
     }
 }

@@ -9,6 +9,7 @@ pub mod link;
 pub mod message;
 pub mod obey;
 mod session;
+pub mod throttle;
 
 pub use session::{Session, SessionError};
 
@@ -25,6 +26,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant};
 use std::{io, thread};
+use throttle::Throttle;
 use tokio::sync::{Notify, watch};
 
 /// Id of this sink, in conditions, metrics and the store. The slash keeps it apart from every `[[sink]]`, whose ids have none.
@@ -42,6 +44,8 @@ const THREAD: &str = "forward";
 
 /// Interval at which the store is checked without notification.
 const LOOK: Duration = Duration::from_secs(5);
+/// Interval at which a site that pauses looks for what the centre asks for by now, and for heartbeats that are due.
+const HEAR: Duration = Duration::from_secs(1);
 /// Least time between two notes of the position in the store.
 const NOTE: Duration = Duration::from_secs(10);
 /// Longest time to stop, unless in the middle of a send.
@@ -92,6 +96,7 @@ impl Forwarder {
             noted_at: None,
             telemetry,
             backoff: Backoff::new(PACE, seed),
+            throttle: Throttle::new(seed),
             wake: Arc::clone(&wake),
             stopped,
             has_led: false,
@@ -137,6 +142,7 @@ struct Worker {
     noted_at: Option<Instant>,
     telemetry: Telemetry,
     backoff: Backoff,
+    throttle: Throttle,
     wake: Arc<Notify>,
     stopped: watch::Receiver<bool>,
     /// True after this process has sent a message.
@@ -179,9 +185,25 @@ impl Worker {
             self.telemetry
                 .metrics
                 .outbox(SINK, usize::try_from(waiting).unwrap_or(0));
-            match session.send_next(&reader).await? {
+            session.hear(&mut self.throttle);
+            let now = Instant::now();
+            if let Some(wait) = self.throttle.wait(waiting, now) {
+                // The post answers: what is not sent waits because it may.
+                self.reached();
+                let wait = async {
+                    tokio::time::sleep(wait.min(HEAR)).await;
+                    Ok::<_, SessionError>(())
+                };
+                session.link().unless_lost(wait).await?;
+                continue;
+            }
+            match session
+                .send_next(&reader, self.throttle.most(waiting, now))
+                .await?
+            {
                 Some(through) => {
                     self.has_led = true;
+                    self.throttle.sent(waiting, Instant::now());
                     self.telemetry.metrics.delivery(SINK, Delivery::Delivered);
                     self.worked(through, through == latest);
                 }
@@ -236,10 +258,15 @@ impl Worker {
         Ok(())
     }
 
-    /// Ends the condition, and notes the position now and then.
-    fn worked(&mut self, through: i64, is_all: bool) {
+    /// Ends the condition of a post that cannot be reached.
+    fn reached(&mut self) {
         self.backoff.reset();
         self.telemetry.health.over(Fault::Forward, SINK);
+    }
+
+    /// Ends the condition, and notes the position now and then.
+    fn worked(&mut self, through: i64, is_all: bool) {
+        self.reached();
         let is_due = self.noted_at.is_none_or(|at| at.elapsed() >= NOTE);
         if is_all && is_due {
             self.noted_at = Some(Instant::now());

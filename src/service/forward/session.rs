@@ -5,20 +5,19 @@ use super::command;
 use super::link::{ANSWER, Link, LinkError};
 use super::message::{self, Label, MessageError, OUT, STREAM};
 use super::obey::Obedience;
+use super::throttle::{self, Throttle};
 use crate::config::settings::forward::ForwardSettings;
 use crate::service::telemetry::Health;
 use crate::site::store::{Change, FORMAT, Reader, StoreError};
-use async_nats::HeaderValue;
 use async_nats::jetstream::context::PublishErrorKind;
 use async_nats::jetstream::message::{PublishMessage, StreamMessage};
 use async_nats::jetstream::stream::DirectGetErrorKind;
+use async_nats::{HeaderValue, Subscriber};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// Longest time for the post to answer for commands; results wait meanwhile.
 const COMMANDS: Duration = Duration::from_secs(2);
-/// Most commits in a message.
-const MOST: usize = 200;
 /// Room for headers in a message \[bytes\].
 const HEADERS: usize = 4096;
 /// Largest message of several commits \[bytes\]; one commit alone may be as large as the server takes.
@@ -95,6 +94,7 @@ pub struct Session<'a> {
     end: End,
     subject: String,
     allowed: usize,
+    pauses: Subscriber,
 }
 
 impl<'a> Session<'a> {
@@ -111,6 +111,8 @@ impl<'a> Session<'a> {
         let epoch = reader.epoch()?.ok_or(SessionError::Old)?;
         let link = Link::open(&settings.nats, &settings.site).await?;
         let allowed = link.client.server_info().max_payload.saturating_sub(HEADERS);
+        let subscribed = link.client.subscribe(throttle::SUBJECT).await;
+        let pauses = subscribed.map_err(|error| link.failed(throttle::SUBJECT, &error))?;
         let mut session = Self {
             link,
             settings,
@@ -121,8 +123,16 @@ impl<'a> Session<'a> {
             },
             subject: format!("{OUT}.{}", settings.site),
             allowed,
+            pauses,
         };
         session.find_end(reader, has_led).await?;
+        // The server answers in order: had it refused the subscription, it would have said so by now.
+        if let Some(said) = session.link.take_refused_pauses() {
+            tracing::warn!(
+                "{said}: give the site the rights of config/fleet/rights.conf; without this one a backlog is sent as fast as the post \
+                 takes it, and what is new at other sites waits behind it"
+            );
+        }
         Ok(session)
     }
 
@@ -205,12 +215,17 @@ impl<'a> Session<'a> {
         self.link.unless_lost(ask).await
     }
 
-    /// Sends the next message; returns the last commit it held, or `None` if there is nothing to send.
+    /// Takes what the centre asks of the sites that have a backlog.
+    pub fn hear(&mut self, throttle: &mut Throttle) {
+        throttle.hear(&mut self.pauses);
+    }
+
+    /// Sends the next message, of at most `most` commits; returns the last commit it held, or `None` if there is nothing to send.
     ///
     /// # Errors
     /// The post or the store refuses; what was sent last is not known then.
-    pub async fn send_next(&mut self, reader: &Reader) -> Result<Option<i64>, SessionError> {
-        let changes = reader.changes_after(self.end.through, MOST)?;
+    pub async fn send_next(&mut self, reader: &Reader, most: usize) -> Result<Option<i64>, SessionError> {
+        let changes = reader.changes_after(self.end.through, most)?;
         let Some((count, payload)) = self.fit(&changes)? else {
             return Ok(None);
         };

@@ -87,8 +87,10 @@ impl Batch {
     /// True if it holds so much that it is to be written before more is added.
     pub fn is_full(&self) -> bool {
         const ENOUGH: usize = 16 << 20;
+        /// A second's work of a slow database: nothing waits longer for its commit.
+        const ROWS: usize = 5000;
         let parked: usize = self.parked.iter().map(|parked| parked.payload.len()).sum();
-        self.bytes + parked >= ENOUGH
+        self.bytes + parked >= ENOUGH || self.rows.len() >= ROWS
     }
 
     /// Number of rows of a table, by site and store.

@@ -16,6 +16,7 @@ use base64::engine::general_purpose::STANDARD;
 use serde::Deserialize;
 use serde_json::json;
 use std::time::Duration;
+use tokio::task::JoinHandle;
 
 /// Most messages asked for at once.
 const TOGETHER: u64 = 32;
@@ -44,6 +45,19 @@ pub struct Feed {
     next: u64,
     /// Number of messages that are asked for beyond the next one.
     ahead: u64,
+    reading: Reading,
+}
+
+/// Messages that are asked for; no longer when dropped.
+#[derive(Default)]
+struct Reading(Option<JoinHandle<Result<Vec<Incoming>, LinkError>>>);
+
+impl Drop for Reading {
+    fn drop(&mut self) {
+        if let Some(reading) = &self.0 {
+            reading.abort();
+        }
+    }
 }
 
 /// Answer of the server to the question for a message.
@@ -121,6 +135,7 @@ impl Feed {
             stream,
             next: 1,
             ahead: 0,
+            reading: Reading::default(),
         })
     }
 
@@ -148,36 +163,55 @@ impl Feed {
     pub fn seek(&mut self, next: u64) {
         self.next = next.max(1);
         self.ahead = 0;
+        self.reading = Reading::default();
     }
 
-    /// The next messages, in order; none, after a short wait, at the end of the stream.
+    /// The next messages, in order; none, after a short wait, at the end of the stream. Those after them are asked for meanwhile.
     ///
     /// # Errors
     /// The server does not answer.
     pub async fn fetch(&mut self) -> Result<Vec<Incoming>, LinkError> {
-        let Some(first) = self.next_of(self.next, &format!("{OUT}.>")).await? else {
+        let reading = match self.reading.0.take() {
+            Some(reading) => reading,
+            None => self.read_on(),
+        };
+        let found = reading.await;
+        let found =
+            found.map_err(|error| LinkError::Failed(format!("reading the stream {STREAM}: {error}")))??;
+        let Some(last) = found.last() else {
             self.ahead = 0;
             tokio::time::sleep(WAIT).await;
-            return Ok(Vec::new());
+            return Ok(found);
         };
-        let begin = number(&first) + 1;
-        let more = (begin..begin + self.ahead).map(|sequence| self.at(sequence));
-        let more = futures_util::future::join_all(more).await;
-        let mut found = vec![first];
-        for message in more {
-            let Some(message) = message? else { break };
-            found.push(message);
-        }
-        let count = found.len() as u64;
+        let more = found.len() as u64 - 1;
         let largest = found.iter().map(|one| one.payload.len()).max().unwrap_or(0);
         let room = (BYTES / largest.max(1)) as u64;
-        self.ahead = if count > self.ahead {
+        self.ahead = if more == self.ahead {
             (2 * self.ahead + 1).min(TOGETHER).min(room)
         } else {
-            count - 1
+            more
         };
-        self.next = begin + count - 1;
+        self.next = number(last) + 1;
+        self.reading.0 = Some(self.read_on());
         Ok(found)
+    }
+
+    /// Asks for the next messages.
+    fn read_on(&self) -> JoinHandle<Result<Vec<Incoming>, LinkError>> {
+        let (link, next, ahead) = (self.link.clone(), self.next, self.ahead);
+        tokio::spawn(async move {
+            let Some(first) = next_of(&link, next, &format!("{OUT}.>")).await? else {
+                return Ok(Vec::new());
+            };
+            let begin = number(&first) + 1;
+            let more = (begin..begin + ahead).map(|sequence| at(&link, sequence));
+            let mut found = vec![first];
+            for message in futures_util::future::join_all(more).await {
+                let Some(message) = message? else { break };
+                found.push(message);
+            }
+            Ok(found)
+        })
     }
 
     /// The message of a number; `None` if the stream does not have it.
@@ -185,9 +219,7 @@ impl Feed {
     /// # Errors
     /// The server does not answer.
     pub async fn at(&self, sequence: u64) -> Result<Option<Incoming>, LinkError> {
-        let found = self.ask(&json!({ "seq": sequence })).await?;
-        let is_of_a_site = |found: &Incoming| found.subject.starts_with(&format!("{OUT}."));
-        Ok(found.filter(is_of_a_site))
+        at(&self.link, sequence).await
     }
 
     /// The first message of a site that is not before a number.
@@ -195,17 +227,19 @@ impl Feed {
     /// # Errors
     /// The server does not answer.
     pub async fn next_of_site(&self, sequence: u64, site: &str) -> Result<Option<Incoming>, LinkError> {
-        self.next_of(sequence, &format!("{OUT}.{site}")).await
+        next_of(&self.link, sequence, &format!("{OUT}.{site}")).await
     }
+}
 
-    async fn next_of(&self, sequence: u64, subject: &str) -> Result<Option<Incoming>, LinkError> {
-        self.ask(&json!({ "seq": sequence.max(1), "next_by_subj": subject }))
-            .await
-    }
+async fn at(link: &Link, sequence: u64) -> Result<Option<Incoming>, LinkError> {
+    let found = ask(link, STREAM, &json!({ "seq": sequence })).await?;
+    let is_of_a_site = |found: &Incoming| found.subject.starts_with(&format!("{OUT}."));
+    Ok(found.filter(is_of_a_site))
+}
 
-    async fn ask(&self, question: &serde_json::Value) -> Result<Option<Incoming>, LinkError> {
-        ask(&self.link, STREAM, question).await
-    }
+async fn next_of(link: &Link, sequence: u64, subject: &str) -> Result<Option<Incoming>, LinkError> {
+    let question = json!({ "seq": sequence.max(1), "next_by_subj": subject });
+    ask(link, STREAM, &question).await
 }
 
 /// The message of a stream that a question names; `None` if there is none.

@@ -20,6 +20,7 @@ pub mod park;
 mod post;
 mod postgres;
 mod rebuild;
+mod regulator;
 mod relay;
 #[cfg(test)]
 mod relay_tests;

@@ -77,6 +77,25 @@ impl Centre {
         Ok(rows.first().map(|row| (text(row.first()), text(row.get(1)))))
     }
 
+    /// Fault and detail of the first parked message of the wanted sites that have any.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn first_faults(
+        &mut self,
+        is_wanted: impl Fn(&str) -> bool,
+    ) -> Result<BTreeMap<String, (String, String)>, CentreError> {
+        let sites = self.sql.query("SELECT DISTINCT \"site\" FROM \"parked\"", &[])?;
+        let mut faults = BTreeMap::new();
+        let sites = sites.iter().map(|row| text(row.first()));
+        for site in sites.filter(|site| is_wanted(site)) {
+            if let Some(fault) = self.first_fault(&site)? {
+                faults.insert(site, fault);
+            }
+        }
+        Ok(faults)
+    }
+
     /// Writes the present reason of a message that is still parked.
     ///
     /// # Errors

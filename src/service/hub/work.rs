@@ -6,17 +6,23 @@ use super::commands::Published;
 use super::feed::{Feed, number};
 use super::fold::{self, Fold, Judged};
 use super::incoming::Incoming;
+use super::regulator::Regulator;
 use super::silence::Silence;
 use super::text::fit;
 use super::{ABOUT, Hub, HubError};
 use crate::service::alert::Backoff;
+use crate::service::forward::throttle;
 use crate::service::telemetry::Fault;
 use crate::site::clock;
 use std::collections::{BTreeMap, BTreeSet};
+use std::panic::resume_unwind;
+use std::thread;
 use std::time::{Duration, Instant};
 
 /// Interval of looks at the end of the stream, which may have been set back.
 const LOOK: Duration = Duration::from_secs(5);
+/// Interval of looks at how far the folding is behind.
+const REGULATE: Duration = Duration::from_secs(1);
 /// Wait after the post did not take commands.
 const AGAIN: Duration = Duration::from_secs(30);
 /// Most earlier messages of a site that are folded at once, and their bytes.
@@ -39,6 +45,36 @@ enum Origin {
     Earlier,
 }
 
+/// Messages that are written together.
+#[derive(Default)]
+struct Part {
+    batch: Batch,
+    judged: Vec<Judged>,
+}
+
+impl Part {
+    /// As many of the messages as one transaction holds.
+    fn of(fold: &mut Fold, messages: &[Incoming], origin: Origin) -> Self {
+        let mut part = Self::default();
+        for message in messages {
+            let judged = judge(fold, message, origin, &mut part.batch);
+            part.judged.push(judged);
+            if part.batch.is_full() {
+                break;
+            }
+        }
+        part
+    }
+}
+
+fn judge(fold: &mut Fold, message: &Incoming, origin: Origin, batch: &mut Batch) -> Judged {
+    match origin {
+        Origin::Stream => fold.take(message, batch),
+        Origin::Parked => fold.take_again(message, true, batch),
+        Origin::Earlier => fold.take_again(message, false, batch),
+    }
+}
+
 /// Stream, database, and what is known of each site.
 pub(super) struct Work<'h> {
     hub: &'h Hub<'h>,
@@ -48,7 +84,19 @@ pub(super) struct Work<'h> {
     /// Sites whose missing commits were looked for, and of which nothing was folded since.
     searched: BTreeSet<String>,
     silence: Silence,
+    /// Time of the start, and of the latest look at how far the folding is behind.
+    opened: Instant,
+    regulated: Instant,
+    /// Number of the stream's last message that was folded.
+    position: u64,
+    /// True but for a rebuild, which nothing new waits for.
+    is_regulating: bool,
+    regulator: Regulator,
     published: Published,
+    /// Faults of the sites that workers write, as they were a second ago.
+    faults_of_thin: BTreeMap<String, (String, String)>,
+    /// Faults of the sites as the hub's conditions have them; without one where that is not known yet.
+    marked: BTreeMap<String, Option<(String, String)>>,
     /// Time before which commands are not taken to the post again, after it refused.
     command_again: Option<Instant>,
 }
@@ -60,20 +108,40 @@ fn forwarding(hub: &Hub<'_>, centre: &mut Centre) -> Result<BTreeMap<String, Sit
     Ok(sites)
 }
 
+/// Faults of the sites that workers write.
+fn faults_of_thin(
+    hub: &Hub<'_>,
+    centre: &mut Centre,
+) -> Result<BTreeMap<String, (String, String)>, CentreError> {
+    centre.first_faults(|site| hub.config.is_thin(site))
+}
+
 impl<'h> Work<'h> {
     /// Opens both.
     pub(super) fn open(hub: &'h Hub<'h>) -> Result<Self, HubError> {
         let mut centre = super::open(&hub.config.storage)?;
         let feed = hub.runtime.block_on(Feed::open(hub.config))?;
         let (sites, overruled) = (forwarding(hub, &mut centre)?, centre.overruled()?);
+        let listed = hub.config.sites.iter().map(|site| &site.name);
         let silence = Silence::begin(centre.beats()?, clock::now().as_nanos());
+        let marked = listed
+            .chain(sites.keys())
+            .map(|site| (site.clone(), None))
+            .collect();
         Ok(Self {
+            faults_of_thin: faults_of_thin(hub, &mut centre)?,
+            marked,
             fold: Fold::new(hub.listed(), centre.copied().to_vec(), sites, overruled),
             hub,
             centre,
             feed,
             searched: BTreeSet::new(),
             silence,
+            opened: Instant::now(),
+            regulated: Instant::now(),
+            position: 0,
+            is_regulating: false,
+            regulator: Regulator::new(hub.config.sites.len()),
             published: Published::default(),
             command_again: None,
         })
@@ -83,16 +151,15 @@ impl<'h> Work<'h> {
     pub(super) fn run(mut self, backoff: &mut Backoff, until: Option<u64>) -> Result<(), HubError> {
         self.take_up_all()?;
         self.tell_faults();
-        let mut position = self.begin()?;
+        self.begin()?;
+        self.is_regulating = until.is_none();
         let mut looked = Instant::now();
-        while !self.hub.is_stopping() && until.is_none_or(|until| position < until) {
+        while !self.hub.is_stopping() && until.is_none_or(|until| self.position < until) {
             let messages = self.hub.runtime.block_on(self.feed.fetch())?;
             self.hub.beat.pass();
             match messages.last() {
-                Some(last) => {
-                    let last = number(last);
+                Some(_) => {
                     self.fold_next(&messages)?;
-                    position = last;
                     self.tell_faults();
                     self.hear(false)?;
                 }
@@ -100,12 +167,13 @@ impl<'h> Work<'h> {
                 None if looked.elapsed() >= LOOK => {
                     looked = Instant::now();
                     let (_, last) = self.hub.runtime.block_on(self.feed.bounds())?;
-                    if last < position {
-                        position = self.begin()?;
+                    if last < self.position {
+                        self.begin()?;
                     }
                 }
                 None => self.hear(true)?,
             }
+            self.regulate()?;
             backoff.reset();
             self.hub.health.over(Fault::Forward, ABOUT);
         }
@@ -113,9 +181,8 @@ impl<'h> Work<'h> {
     }
 
     /// Begins to read after the last message folded. A stream that was set back no longer has it, or has another one of its
-    /// number: it is read again from its beginning, and what is known of it is recognised by the sites' own numbers. Returns the
-    /// position.
-    fn begin(&mut self) -> Result<u64, HubError> {
+    /// number: it is read again from its beginning, and what is known of it is recognised by the sites' own numbers.
+    fn begin(&mut self) -> Result<(), HubError> {
         let folded = self.centre.position()?;
         let position = u64::try_from(folded.sequence).unwrap_or(0);
         let runtime = self.hub.runtime;
@@ -135,7 +202,8 @@ impl<'h> Work<'h> {
             first.saturating_sub(1)
         };
         self.feed.seek(from + 1);
-        Ok(from)
+        self.position = from;
+        Ok(())
     }
 
     /// Folds the next messages of the stream, and what they make fit.
@@ -184,26 +252,43 @@ impl<'h> Work<'h> {
     fn settle(&mut self, messages: &[Incoming], origin: Origin) -> Result<Vec<Judged>, HubError> {
         let mut judged = Vec::new();
         let mut rest = messages;
+        let mut part = Part::of(&mut self.fold, rest, origin);
         while !rest.is_empty() {
-            let (mut batch, mut some) = (Batch::default(), Vec::new());
-            for message in rest {
-                some.push(self.judge(message, origin, &mut batch));
-                if batch.is_full() {
-                    break;
-                }
-            }
-            let (now, later) = rest.split_at(some.len());
-            match self.centre.commit(batch) {
+            let (now, later) = rest.split_at(part.judged.len());
+            let Part {
+                batch,
+                judged: mut some,
+            } = part;
+            let (fold, centre) = (&mut self.fold, &mut self.centre);
+            // The next are judged while these are written.
+            let (written, next) = if later.is_empty() {
+                (centre.commit(batch), Part::default())
+            } else {
+                thread::scope(|scope| {
+                    let writing = scope.spawn(|| centre.commit(batch));
+                    let next = Part::of(fold, later, origin);
+                    let written = writing.join();
+                    (written.unwrap_or_else(|panic| resume_unwind(panic)), next)
+                })
+            };
+            part = match written {
                 Err(CentreError::Sql(error)) if error.is_of_content() => {
                     for message in now {
                         judged.push(self.settle_alone(message, origin)?);
                     }
+                    // They were judged as if these had been written.
+                    Part::of(&mut self.fold, later, origin)
                 }
                 done => {
                     done?;
                     judged.append(&mut some);
+                    next
                 }
+            };
+            if origin == Origin::Stream {
+                self.position = now.last().map_or(self.position, number);
             }
+            self.regulate()?;
             self.hub.beat.pass();
             rest = later;
         }
@@ -213,7 +298,7 @@ impl<'h> Work<'h> {
     fn settle_alone(&mut self, message: &Incoming, origin: Origin) -> Result<Judged, HubError> {
         self.fold.again(forwarding(self.hub, &mut self.centre)?);
         let mut batch = Batch::default();
-        let judged = self.judge(message, origin, &mut batch);
+        let judged = judge(&mut self.fold, message, origin, &mut batch);
         let error = match self.centre.commit(batch) {
             Err(CentreError::Sql(error)) if error.is_of_content() => error,
             done => return Ok(done.map(|()| judged)?),
@@ -227,14 +312,6 @@ impl<'h> Work<'h> {
             self.centre.commit(batch)?;
         }
         Ok(Judged::Parked(fold::UNREADABLE, detail))
-    }
-
-    fn judge(&mut self, message: &Incoming, origin: Origin, batch: &mut Batch) -> Judged {
-        match origin {
-            Origin::Stream => self.fold.take(message, batch),
-            Origin::Parked => self.fold.take_again(message, true, batch),
-            Origin::Earlier => self.fold.take_again(message, false, batch),
-        }
     }
 
     /// Tries the parked messages of every site again: a newer program, or a longer list, may take them, and missing commits may
@@ -319,11 +396,36 @@ impl<'h> Work<'h> {
         let (sites, health) = (&self.hub.config.sites, &self.hub.health);
         self.silence
             .tell(sites, self.fold.sites(), health, (now_ns, is_caught_up));
-        for site in sites.iter().filter(|site| site.config.is_some()) {
-            let fault = self.centre.first_fault(&site.name)?;
-            self.tell_fault(&site.name, fault.as_ref());
+        if sites.iter().any(|site| site.config.is_some()) {
+            self.faults_of_thin = faults_of_thin(self.hub, &mut self.centre)?;
+            self.tell_faults();
         }
         self.command(now_ns)
+    }
+
+    /// Tells the sites that have a backlog, once a second, how long to pause between two messages, if that is needed.
+    fn regulate(&mut self) -> Result<(), HubError> {
+        if !self.is_regulating || self.regulated.elapsed() < REGULATE {
+            return Ok(());
+        }
+        self.regulated = Instant::now();
+        let runtime = self.hub.runtime;
+        let (_, last) = runtime.block_on(self.feed.bounds())?;
+        let now_s = self.opened.elapsed().as_secs_f64();
+        if let Some(pause) = self.regulator.look(now_s, last, self.position) {
+            let link = self.feed.link();
+            let payload = serde_json::to_vec(&pause).unwrap_or_default();
+            let told = runtime.block_on(link.client.publish(throttle::SUBJECT, payload.into()));
+            told.map_err(|error| link.failed(throttle::SUBJECT, &error))?;
+            // Who may not publish it is told beside the answers: folding goes on.
+            if let Some(said) = link.take_refused_pauses() {
+                self.hub.health.fault(
+                    Fault::Forward,
+                    format!("{said}: give the hub the rights of config/fleet/rights.conf"),
+                );
+            }
+        }
+        Ok(())
     }
 
     /// Takes new commands to the post, if any site can be commanded.
@@ -349,22 +451,26 @@ impl<'h> Work<'h> {
         Ok(())
     }
 
-    /// Tells the faults of the sites that forward; those of the others are what their workers wrote.
-    fn tell_faults(&self) {
-        for (site, state) in self.fold.sites() {
-            if !self.hub.config.is_thin(site) {
-                self.tell_fault(site, state.fault.as_ref());
-            }
-        }
-    }
-
-    fn tell_fault(&self, site: &str, fault: Option<&(String, String)>) {
-        match fault {
-            Some((fault, detail)) => {
+    /// Tells the faults of all sites, and which of them are over.
+    fn tell_faults(&mut self) {
+        let (config, health) = (self.hub.config, &self.hub.health);
+        let of_forwarding = self.fold.sites().iter();
+        let of_forwarding = of_forwarding
+            .filter_map(|(site, state)| Some((site, state.fault.as_ref()?)))
+            .filter(|(site, _)| !config.is_thin(site));
+        let mut marked = BTreeMap::new();
+        for (site, fault) in of_forwarding.chain(&self.faults_of_thin) {
+            let known = self.marked.remove(site).flatten();
+            if known.as_ref() != Some(fault) {
+                let (fault, detail) = fault;
                 let detail = format!("{site}: its messages are parked ({fault}): {detail}");
-                self.hub.health.hold(Fault::Forward, site, detail);
+                health.hold(Fault::Forward, site, detail);
             }
-            None => self.hub.health.over(Fault::Forward, site),
+            marked.insert(site.clone(), Some(fault.clone()));
         }
+        for site in self.marked.keys() {
+            health.over(Fault::Forward, site);
+        }
+        self.marked = marked;
     }
 }

@@ -306,6 +306,15 @@ impl Fleet {
         });
     }
 
+    /// Gives hub and sites the rights of a program that knew no pauses.
+    pub fn take_pauses(&self) {
+        self.nats[0].reconfigure(|text| {
+            assert!(text.contains("tirante.v1.pause"));
+            let text = text.replace(", \"tirante.v1.pause\"", "");
+            text.replace(",\n    \"tirante.v1.pause\"", "")
+        });
+    }
+
     /// Two more records of a site.
     pub fn more_records(&self, place: usize) {
         self.edges[place].site.simulate("more", &Part::new(60, 2));

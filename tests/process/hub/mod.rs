@@ -9,6 +9,7 @@ mod fleet;
 mod pages;
 mod poison;
 mod refusals;
+mod returning;
 mod rights;
 mod servers;
 mod thin;

@@ -3,9 +3,11 @@
 use super::fleet::{Fleet, Storage};
 use crate::site::Part;
 use async_nats::jetstream;
+use futures_util::StreamExt;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tirante::service::forward::message::Label;
+use tirante::service::forward::throttle;
 use tirante::site::store::FORMAT;
 
 /// What a client may not do is reported beside its answers.
@@ -58,6 +60,7 @@ fn a_stolen_credential_writes_its_own_site_alone_until_it_is_revoked() {
             "tirante.v1.beat.gubbio",
             "tirante.v1.cmd.todi",
             "tirante.v1.cmd.gubbio",
+            "tirante.v1.pause",
             "$JS.API.STREAM.MSG.GET.TIRANTE_CMD",
             "$JS.API.STREAM.CREATE.TIRANTE_CMD",
             "$JS.API.DIRECT.GET.TIRANTE_CMD",
@@ -109,6 +112,19 @@ fn a_stolen_credential_writes_its_own_site_alone_until_it_is_revoked() {
                 .any(|line| line.contains("Subscription") && line.contains(subject));
             assert!(heard, "{subject}: {:?}", said.lock().unwrap());
         }
+        // The pauses it hears, from the hub alone.
+        let mut pauses = client.subscribe(throttle::SUBJECT).await.unwrap();
+        client.flush().await.unwrap();
+        let hub = async_nats::ConnectOptions::with_nkey(fleet.seed("HUB"))
+            .require_tls(true)
+            .add_root_certificates(fleet.path("ca.pem"))
+            .connect(&address)
+            .await
+            .unwrap();
+        hub.publish(throttle::SUBJECT, "x".into()).await.unwrap();
+        hub.flush().await.unwrap();
+        let heard = tokio::time::timeout(Duration::from_secs(10), pauses.next()).await;
+        assert_eq!(heard.unwrap().unwrap().payload, "x");
         // Its own site it does write: that is what the credential is for. The centre parks what it cannot read.
         let ack = jetstream
             .publish("tirante.v1.out.todi", "forged".into())
@@ -150,6 +166,18 @@ fn a_stolen_credential_writes_its_own_site_alone_until_it_is_revoked() {
     fleet.edges[0].site.simulate("later", &Part::new(70, 2));
     fleet.start_edge(0);
     fleet.wait_until_read(0, 8);
+    fleet.wait_until_sent_of(0);
+    let told = "give the site the rights of config/fleet/rights.conf";
+    let log = std::fs::read_to_string(fleet.edges[0].site.path("daemon.log")).unwrap();
+    assert!(!log.contains(told), "{log}");
+    // With the rights of before the pauses, it works and says what it lacks; nothing else is blamed on it.
+    fleet.take_pauses();
+    fleet.stop_edge(0);
+    let before = fleet.logged(0);
+    fleet.start_edge(0);
+    fleet.wait_for_log(0, before, told);
+    fleet.edges[0].site.simulate("latest", &Part::new(80, 2));
+    fleet.wait_until_read(0, 9);
     fleet.wait_until_sent_of(0);
     // Revoked, it is out at once; its site keeps its results, and the others go on.
     let before = fleet.logged(0);

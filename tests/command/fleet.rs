@@ -336,9 +336,9 @@ fn a_site_searched_in_parts_ends_in_the_bytes_of_its_own_task() {
     for _ in 0..6 {
         killed("fleet task plan.jsonl --index 0 --out killed --threads 1");
     }
+    // What the killed ones have stored is not looked for in the parts again.
     let ended = of_one("killed");
-    let is_known = ended.out.contains("is there already");
-    assert!(is_known || searched(&ended) == sum, "{}", ended.out);
+    assert!(searched(&ended) <= sum, "{}", ended.out);
     alone("killed");
     // All of them; one alone; the others damaged; none.
     assert_eq!(searched(&of_one("all")), sum);

@@ -325,14 +325,19 @@ fn kill_at_random(kills: u32) {
                 2 => thin.fleet.kill_nats(),
                 3 => thin.kill_daemons(place),
                 4 => {
-                    let wire = usize::from(generator.random::<bool>());
-                    // A worker without a site connects to the database for a moment now and then.
-                    let until = Instant::now() + Duration::from_secs(5);
-                    while !thin.wires[place][wire].is_used() && Instant::now() < until {
+                    // A worker without a site connects to the database for a moment now and then: another network is cut then.
+                    let until = Instant::now() + Duration::from_secs(30);
+                    let used = loop {
                         thin.keep_workers();
+                        let wires = thin.wires.iter().flatten();
+                        let used: Vec<&Wire> = wires.filter(|wire| wire.is_used()).collect();
+                        if !used.is_empty() || Instant::now() > until {
+                            break used;
+                        }
                         thread::sleep(Duration::from_millis(20));
-                    }
-                    thin.wires[place][wire].cut(&mut generator);
+                    };
+                    assert!(!used.is_empty(), "no worker has a connection");
+                    used[generator.random_range(0..used.len())].cut(&mut generator);
                 }
                 _ => thin.fleet.kill_postgres(),
             }

@@ -70,7 +70,7 @@ impl Throttle {
     }
 
     /// Takes one message of the centre.
-    pub(in crate::service) fn take(&mut self, payload: &[u8], now: Instant) {
+    pub(crate) fn take(&mut self, payload: &[u8], now: Instant) {
         // What cannot be read asks for nothing.
         if let Ok(Pause { pause_s, .. }) = serde_json::from_slice(payload)
             && (0.0..=LONGEST_S).contains(&pause_s)

@@ -63,7 +63,7 @@ pub struct Link {
     is_lost: watch::Receiver<bool>,
 }
 
-/// What the server said last beside its answers.
+/// Latest words of the server beside its answers.
 #[derive(Default)]
 struct Said {
     last: Option<String>,
@@ -165,7 +165,7 @@ impl Link {
         }
     }
 
-    /// What the server said last beside its answers; it is forgotten then.
+    /// Latest word of the server beside its answers; it is forgotten then.
     fn take_said(&self) -> Option<String> {
         self.said
             .lock()

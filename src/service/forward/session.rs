@@ -129,8 +129,8 @@ impl<'a> Session<'a> {
         // The server answers in order: had it refused the subscription, it would have said so by now.
         if let Some(said) = session.link.take_refused_pauses() {
             tracing::warn!(
-                "{said}: give the site the rights of config/fleet/rights.conf; without this one a backlog is sent as fast as the post \
-                 takes it, and what is new at other sites waits behind it"
+                "{said}: give the site the rights of config/fleet/rights.conf; without this one its backlogs do not pause when the hub \
+                 asks, and what is new at other sites waits behind them"
             );
         }
         Ok(session)

@@ -30,7 +30,7 @@ const VALID: Duration = Duration::from_secs(30);
 /// Longest pause a centre can ask for \[s\].
 pub const LONGEST_S: f64 = 3600.0;
 
-/// What the centre asks of the sites that have a backlog.
+/// Request of the centre to the sites that have a backlog.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Pause {
     /// Time between two messages of a backlog \[s\].

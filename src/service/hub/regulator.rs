@@ -68,13 +68,13 @@ impl Regulator {
         }
         self.coming_hz += LATEST * (came as f64 / took_s - self.coming_hz);
         let done_hz = done as f64 / took_s;
-        // Where less was there than could be folded, the rate says little.
-        let is_busy = last_then.saturating_sub(folded_then) >= done;
-        self.folding_hz = if is_busy && self.folding_hz > 0.0 {
-            self.folding_hz + LATEST_FOLDED * (done_hz - self.folding_hz)
-        } else {
-            done_hz.max(self.folding_hz * KEEP.powf(took_s))
-        };
+        // Where less was there than could be folded, the rate says little, and where nothing was, nothing.
+        let is_busy = done > 0 && last_then.saturating_sub(folded_then) >= done;
+        if is_busy && self.folding_hz > 0.0 {
+            self.folding_hz += LATEST_FOLDED * (done_hz - self.folding_hz);
+        } else if done > 0 {
+            self.folding_hz = done_hz.max(self.folding_hz * KEEP.powf(took_s));
+        }
         if self.folding_hz <= 0.0 {
             return None;
         }
@@ -91,7 +91,7 @@ impl Regulator {
             }
             let longest_s = LONGEST * self.sites as f64 / self.folding_hz;
             self.pause_s = self.pause_s.min(longest_s.clamp(FIRST_S.1, LONGEST_S));
-        } else if wait_s > AIM_S {
+        } else if is_busy && wait_s > AIM_S {
             self.pause_s = (self.sites as f64 / self.folding_hz).clamp(FIRST_S.0, FIRST_S.1);
         }
         (self.pause_s > 0.0).then_some(Pause {
@@ -228,8 +228,20 @@ mod tests {
             let last = 20 * second;
             assert_eq!(regulator.look(second as f64, last, last.saturating_sub(3)), None);
         }
+        // Nothing to do for half a minute, then a few messages that came just before the look.
+        for second in 100..130 {
+            assert_eq!(regulator.look(second as f64, 1980, 1980), None);
+        }
+        assert_eq!(regulator.look(130.0, 1986, 1980), None);
+        assert_eq!(regulator.look(131.0, 1986, 1986), None);
+        // One a second for an hour, and ten at once.
+        for second in 132..3732 {
+            let last = second + 1855;
+            assert_eq!(regulator.look(second as f64, last, last), None);
+        }
+        assert_eq!(regulator.look(3732.0, 5597, 5586), None);
         // A stream that was set back begins anew.
-        assert_eq!(regulator.look(100.0, 5, 0), None);
+        assert_eq!(regulator.look(3733.0, 5, 0), None);
         let mut still = Regulator::new(2000);
         for second in 0..10 {
             assert_eq!(still.look(second as f64, 1000 * second, 0), None);

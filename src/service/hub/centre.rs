@@ -364,6 +364,20 @@ impl Centre {
         Ok(rows.iter().filter_map(heard).collect())
     }
 
+    /// Leaves the time of flushes to the database: when it ends unexpectedly, the last transactions may be undone, the position with them,
+    /// but no part of one. For what can be folded again.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn flush_later(&mut self) -> Result<(), CentreError> {
+        let setting = if self.sql.is_postgres() {
+            "SET synchronous_commit = off"
+        } else {
+            "PRAGMA synchronous = NORMAL"
+        };
+        Ok(self.sql.batch(setting)?)
+    }
+
     /// Empties every table but the commands, to fold the stream from its beginning.
     ///
     /// # Errors

@@ -4,10 +4,15 @@ use super::batch::Batch;
 use super::centre::{Centre, SiteState};
 use super::feed::{Feed, number};
 use super::fold::Fold;
+use super::incoming::Incoming;
 use super::work::Work;
 use super::{Hub, HubError};
 use crate::service::alert::{Backoff, Pace};
 use std::collections::BTreeMap;
+use std::thread;
+
+/// Most threads that fold without a database.
+const MOST_SHARES: usize = 8;
 
 /// Number of lines by site and store.
 type Lines = BTreeMap<(String, i64), i64>;
@@ -47,36 +52,37 @@ impl Hub<'_> {
         if known.values().all(|state| state.histories.is_empty()) {
             return Ok(());
         }
-        let mut fold = Fold::new(
-            listed,
-            centre.copied().to_vec(),
-            BTreeMap::new(),
-            centre.overruled()?,
-        );
-        let of_lines = centre
-            .copied()
-            .iter()
-            .position(|copied| copied.shape.table == "line");
-        let mut lines = Lines::new();
+        let copied = centre.copied().to_vec();
+        let of_lines = copied.iter().position(|copied| copied.shape.table == "line");
+        let overruled = centre.overruled()?;
+        let count = thread::available_parallelism()
+            .map_or(1, usize::from)
+            .min(MOST_SHARES);
+        let share = || Share {
+            fold: Fold::new(listed.clone(), copied.clone(), BTreeMap::new(), overruled.clone()),
+            lines: Lines::new(),
+        };
+        let mut shares: Vec<Share> = (0..count).map(|_| share()).collect();
         feed.seek(1);
         let mut position = 0;
         while position < last {
             let messages = self.runtime.block_on(feed.fetch())?;
             let Some(end) = messages.last() else { break };
             position = number(end);
-            let mut batch = Batch::default();
-            for message in &messages {
-                fold.take(message, &mut batch);
-                if batch.is_full() {
-                    count(&mut lines, std::mem::take(&mut batch), of_lines);
+            thread::scope(|scope| {
+                for (number, share) in shares.iter_mut().enumerate() {
+                    let of_share = messages
+                        .iter()
+                        .filter(move |message| place_of(message.site(), count) == number);
+                    scope.spawn(move || share.take(of_share, of_lines));
                 }
-            }
-            count(&mut lines, batch, of_lines);
+            });
         }
         let there = centre.counts("line")?;
         for (site, state) in &known {
-            let found = fold.sites().get(site).cloned().unwrap_or_default();
-            if let Some(what) = missing(site, state, &there, &found, &lines) {
+            let share = &shares[place_of(site, count)];
+            let found = share.fold.sites().get(site).cloned().unwrap_or_default();
+            if let Some(what) = missing(site, state, &there, &found, &share.lines) {
                 return lost(site, what);
             }
         }
@@ -84,10 +90,34 @@ impl Hub<'_> {
     }
 }
 
-fn count(lines: &mut Lines, batch: Batch, of_lines: Option<usize>) {
-    for (place, more) in of_lines.map(|table| batch.count(table)).unwrap_or_default() {
-        *lines.entry(place).or_default() += more;
+/// What would come of the sites of one thread.
+struct Share {
+    fold: Fold,
+    lines: Lines,
+}
+
+impl Share {
+    fn take<'m>(&mut self, messages: impl Iterator<Item = &'m Incoming>, of_lines: Option<usize>) {
+        let mut batch = Batch::default();
+        for message in messages {
+            self.fold.take(message, &mut batch);
+            if batch.is_full() {
+                self.count(&std::mem::take(&mut batch), of_lines);
+            }
+        }
+        self.count(&batch, of_lines);
     }
+
+    fn count(&mut self, batch: &Batch, of_lines: Option<usize>) {
+        for (place, more) in of_lines.map(|table| batch.count(table)).unwrap_or_default() {
+            *self.lines.entry(place).or_default() += more;
+        }
+    }
+}
+
+/// Number of the share of a site, of so many.
+fn place_of(site: &str, count: usize) -> usize {
+    site.bytes().map(usize::from).sum::<usize>() % count.max(1)
 }
 
 /// Results of a site's histories that another state of it lacks, in words.

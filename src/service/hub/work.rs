@@ -147,12 +147,15 @@ impl<'h> Work<'h> {
         })
     }
 
-    /// Folds until stopped, or up to message `until` or the end of the stream.
+    /// Folds until stopped, or, as a rebuild that can be run again, up to message `until` or the end of the stream.
     pub(super) fn run(mut self, backoff: &mut Backoff, until: Option<u64>) -> Result<(), HubError> {
         self.take_up_all()?;
         self.tell_faults();
         self.begin()?;
         self.is_regulating = until.is_none();
+        if until.is_some() {
+            self.centre.flush_later()?;
+        }
         let mut looked = Instant::now();
         while !self.hub.is_stopping() && until.is_none_or(|until| self.position < until) {
             let messages = self.hub.runtime.block_on(self.feed.fetch())?;

@@ -25,27 +25,23 @@ impl Envelope {
         let largest = finite().fold(0.0_f64, |largest, x| largest.max((x - mean).abs()));
         let rounded = digits_of(largest);
         let stretch = samples.len().div_ceil(COLUMNS).max(1);
-        let extreme = |of: fn(f64, f64) -> f64| {
-            samples
-                .chunks(stretch)
-                .map(|chunk| {
-                    chunk
-                        .iter()
-                        .copied()
-                        .filter(|x| x.is_finite())
-                        .reduce(of)
-                        .unwrap_or(mean)
-                        - mean
-                })
-                .map(&rounded)
-                .collect()
-        };
+        let about_mean = |x: Option<f64>| rounded(x.unwrap_or(mean) - mean);
         Self {
             step_s: stretch as f64 / fs_hz,
-            low: extreme(f64::min),
-            high: extreme(f64::max),
+            low: extremes(samples, stretch, f64::min).map(about_mean).collect(),
+            high: extremes(samples, stretch, f64::max).map(about_mean).collect(),
         }
     }
+}
+
+/// Lowest or highest of the finite samples of each stretch, by `of`.
+fn extremes(
+    samples: &[f64],
+    stretch: usize,
+    of: impl Fn(f64, f64) -> f64,
+) -> impl Iterator<Item = Option<f64>> {
+    let chunks = samples.chunks(stretch);
+    chunks.map(move |chunk| chunk.iter().copied().filter(|x| x.is_finite()).reduce(&of))
 }
 
 /// Rounds to a ten-thousandth of the decade of `largest`.

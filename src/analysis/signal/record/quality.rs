@@ -22,6 +22,8 @@ pub struct Checked {
 
 /// Height of a spike, in robust standard deviations of the local roughness.
 const SPIKE: f64 = 12.0;
+/// Most samples at an extreme that prove nothing either way.
+const FEW_AT_RAIL: f64 = 4.0;
 /// Fewest visits that make a rail; one or two are a sensor overloaded once.
 const VISITS: usize = 3;
 /// Longest stay of a vibration at an extreme \[s\].
@@ -222,39 +224,46 @@ fn clipped(samples: &[f64], range: &Extent, fs_hz: f64) -> Rails {
     let reach = 0.5 * (range.high - range.low);
     let band = (0.05 * reach).max(8.0 * range.step);
     let hair = 1e-9 * reach;
-    let rail = |down: &dyn Fn(f64) -> f64| {
-        let (mut at, mut near, mut visits) = (0usize, 0usize, 0usize);
-        let mut is_there = false;
-        for &sample in samples {
-            let down = down(sample);
-            if down <= hair {
-                at += 1;
-                visits += usize::from(!is_there);
-                is_there = true;
-            } else if down <= band {
-                near += 1;
-            } else {
-                is_there = false;
-            }
-        }
-        // Few samples prove nothing either way.
-        if at as f64 <= 1.5 * near as f64 + 4.0 {
-            return Rails {
-                samples: 0,
-                is_sure: false,
-            };
-        }
-        let is_still = at as f64 > STAY_S * fs_hz * visits as f64;
-        let is_sure = visits >= VISITS && !is_still;
-        Rails {
-            samples: if is_still { 0 } else { at },
-            is_sure,
-        }
-    };
-    let (high, low) = (rail(&|x| range.high - x), rail(&|x| x - range.low));
+    let high = rail(samples, |x| range.high - x, (hair, band), fs_hz);
+    let low = rail(samples, |x| x - range.low, (hair, band), fs_hz);
     Rails {
         samples: high.samples + low.samples,
         is_sure: high.is_sure || low.is_sure,
+    }
+}
+
+/// Samples at one extreme, by the distance from it: at most a `hair`, and others in the `band` beside it.
+fn rail(samples: &[f64], down: impl Fn(f64) -> f64, (hair, band): (f64, f64), fs_hz: f64) -> Rails {
+    let none = Rails {
+        samples: 0,
+        is_sure: false,
+    };
+    let at = samples.iter().filter(|&&sample| down(sample) <= hair).count();
+    // Few samples prove nothing either way; the rest is not looked at.
+    if at as f64 <= FEW_AT_RAIL {
+        return none;
+    }
+    let (mut near, mut visits) = (0usize, 0usize);
+    let mut is_there = false;
+    for &sample in samples {
+        let down = down(sample);
+        if down <= hair {
+            visits += usize::from(!is_there);
+            is_there = true;
+        } else if down <= band {
+            near += 1;
+        } else {
+            is_there = false;
+        }
+    }
+    if at as f64 <= 1.5 * near as f64 + FEW_AT_RAIL {
+        return none;
+    }
+    let is_still = at as f64 > STAY_S * fs_hz * visits as f64;
+    let is_sure = visits >= VISITS && !is_still;
+    Rails {
+        samples: if is_still { 0 } else { at },
+        is_sure,
     }
 }
 

@@ -181,11 +181,13 @@ impl Assembler {
             return self.too_short(start, duration_s);
         }
         // The checks repair data where possible; refused data are shown unchanged.
-        let waveform = Envelope::of(&samples, fs_hz);
-        let total = samples.len();
+        let unchanged = samples.clone();
         let checked = match quality::check_struck(samples, codes, fs_hz, &self.settings) {
             Ok(checked) => checked,
-            Err(rejection) => return self.refuse_piece(start, fs_hz, total, waveform, rejection),
+            Err(rejection) => {
+                let waveform = Envelope::of(&unchanged, fs_hz);
+                return self.refuse_piece(start, fs_hz, unchanged.len(), waveform, rejection);
+            }
         };
         let mut flags = checked.flags;
         flags.extend(near.iter().map(ErrorCode::flag));

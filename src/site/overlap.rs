@@ -98,12 +98,17 @@ impl Overlaps {
                     found.rod
                 )))
             }
-            None if count == 0 && rod.is_told => {
+            None if count == 0 && rod.is_told && rod.latest.len() >= KEPT => {
                 rod.is_told = false;
                 Some(Change::Ends)
             }
             _ => None,
         }
+    }
+
+    /// Goes on with a rod whose records overlapped before a restart: it takes as many that do not to end it as without one.
+    pub fn resume(&mut self, rod: &RodId) {
+        self.0.entry(rod.clone()).or_default().is_told = true;
     }
 
     /// Forgets the rods that are not `kept`; returns those whose records overlapped.

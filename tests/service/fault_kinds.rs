@@ -297,6 +297,12 @@ fn store_damaged() {
     let length = fs::metadata(site.path("site.db")).unwrap().len();
     fs::write(site.path("site.db"), vec![0; usize::try_from(length).unwrap()]).unwrap();
     let mut daemon = Daemon::ready(&site);
+    // The new store has it from the first moment on: after a kill nothing else would show it.
+    let told = Reader::open(&site.path("site.db"))
+        .unwrap()
+        .notices_after(0, 1)
+        .unwrap();
+    assert_eq!(told[0].fault, "store-damaged");
     daemon.expect("store-damaged", 1.0, "degraded");
     assert_eq!(
         daemon.conditions("store-damaged"),
@@ -474,6 +480,14 @@ fn a_rod_that_is_never_seen_is_missed() {
     );
     assert_eq!(alarm["raised"], earlier.plus_seconds(360.0).to_string());
     assert_eq!(rod["never_seen_since"], earlier.to_string());
+    // No record of it moves the gauges.
+    daemon.wait("its gauges tell it", |daemon| {
+        let text = daemon.get("/metrics");
+        text.contains("tirante_alarms_standing{rod=\"north\",kind=\"no-data\"} 1")
+            && text.contains("tirante_rod_state{rod=\"north\",state=\"not-monitoring\"} 1")
+    });
+    let asked = site.run(&["ack", "--config", "site.toml", "--all"]);
+    assert!(asked.status.success());
     assert!(
         alarm["message"].as_str().unwrap().starts_with("never seen"),
         "{alarm}"
@@ -745,6 +759,92 @@ fn disk_full() {
     );
     assert_eq!(told[0].1, told[1].1, "one id");
     daemon.wait("signs of life again", |_| came(&fake, "/alive").len() > signs + 1);
+}
+
+/// A disk that is full when the daemon starts is told, not again by the next start, and its end by the one that finds room.
+#[test]
+fn a_disk_that_is_full_at_the_start() {
+    let site = daemon_site();
+    let Some(_disk) = SmallDisk::mount(site.path("small")) else {
+        eprintln!("skipped: no file system can be mounted here");
+        return;
+    };
+    let config = fs::read_to_string(site.path("site.toml")).unwrap();
+    fs::write(
+        site.path("site.toml"),
+        config.replace("\"site.db\"", "\"small/site.db\""),
+    )
+    .unwrap();
+    let fake = Fake::new(&[]);
+    with_sink(&site, &fake);
+    let stop = |mut daemon: Daemon| {
+        daemon.signal("-TERM");
+        assert_eq!(daemon.child.wait().unwrap().code(), Some(0));
+    };
+    let fill = || {
+        let mut ballast = File::create(site.path("small/ballast")).unwrap();
+        while ballast.write_all(&[1; 4096]).is_ok() {}
+    };
+    let ends = |daemon: &mut Daemon, told_before: usize| {
+        fs::remove_file(site.path("small/ballast")).unwrap();
+        daemon.wait("the end of each is told", |_| {
+            let told = told_of(&fake, "disk-full").split_off(told_before);
+            let has_ended = |id: &String| told.contains(&("cleared".to_owned(), id.clone()));
+            told.iter().all(|(_, id)| has_ended(id))
+        });
+    };
+
+    // There is no store, and none can be made.
+    fill();
+    let mut daemon = Daemon::start(&site);
+    daemon.wait("its begin is told", |_| !told_of(&fake, "disk-full").is_empty());
+    assert!(!daemon.log().contains(" ready"));
+    ends(&mut daemon, 0);
+    stop(daemon);
+
+    // There is one, and nothing can be written into it.
+    let before = told_of(&fake, "disk-full").len();
+    fill();
+    let mut daemon = Daemon::start(&site);
+    daemon.wait("store and journal are told", |_| {
+        told_of(&fake, "disk-full").len() == before + 2
+    });
+    stop(daemon);
+    let mut daemon = Daemon::start(&site);
+    let full = "fault=\"disk-full\"";
+    daemon.wait("it is full again", |daemon| daemon.log().contains(full));
+    thread::sleep(Duration::from_secs(3));
+    assert_eq!(told_of(&fake, "disk-full").len(), before + 2, "not told again");
+    ends(&mut daemon, before);
+    stop(daemon);
+}
+
+/// The sinks are told why a start failed, but not that another daemon is at work.
+#[test]
+fn a_start_that_fails() {
+    let (site, fake) = (daemon_site(), Fake::new(&[]));
+    with_sink(&site, &fake);
+    let ended = || {
+        let messages = came(&fake, "/sink").into_iter();
+        let ended = messages.filter(|one| one["what"] == "ended");
+        ended
+            .map(|one| one["message"].as_str().unwrap().to_owned())
+            .collect::<Vec<_>>()
+    };
+    let daemon = Daemon::ready(&site);
+    let second = site.run(&["run", "--config", "site.toml"]);
+    assert!(!second.status.success() && ended().is_empty());
+    drop(daemon);
+    // What stands beside the store cannot be read.
+    let _ = fs::remove_file(site.path("site.db.suspects"));
+    fs::create_dir(site.path("site.db.suspects")).unwrap();
+    let failed = site.run(&["run", "--config", "site.toml"]);
+    assert!(!failed.status.success());
+    let told = ended();
+    assert!(
+        told.len() == 1 && told[0].contains("what stands beside it cannot be read"),
+        "{told:?}"
+    );
 }
 
 /// Store and journal are watched by their identity: while their names belong to other files nothing is

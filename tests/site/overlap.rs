@@ -39,6 +39,30 @@ fn two_recorders_of_one_topic_are_told_with_both_files_until_one_is_gone() {
     assert_eq!(later, [Change::Ends]);
 }
 
+/// The first record after a restart has no other to overlap with, which shows nothing.
+#[test]
+fn overlaps_that_were_told_before_a_restart_end_like_others() {
+    let mut overlaps = Overlaps::default();
+    overlaps.resume(&RodId("north".to_owned()));
+    let told: Vec<_> = (0..4)
+        .flat_map(|hour| {
+            [
+                (2 * hour, 60.0 * hour as f64),
+                (2 * hour + 1, 60.0 * hour as f64 + 0.1),
+            ]
+        })
+        .filter_map(|(number, minutes)| overlaps.take(&record("north", number, minutes), "a.mcap"))
+        .collect();
+    assert_eq!(told, [], "they go on");
+    let later = |overlaps: &mut Overlaps, hour: i64| {
+        overlaps.take(&record("north", 100 + hour, 60.0 * hour as f64), "a.mcap")
+    };
+    let at: Vec<i64> = (4..30)
+        .filter(|hour| later(&mut overlaps, *hour).is_some())
+        .collect();
+    assert_eq!(at.len(), 1, "{at:?}");
+}
+
 #[test]
 fn records_that_follow_each_other_or_share_an_edge_do_not_overlap() {
     let mut overlaps = Overlaps::default();

@@ -24,7 +24,8 @@ const CONDITIONS_OF_SITE: usize = 3;
 /// Server, stream or database are not fit, or the address is taken.
 pub fn run(config: HubConfig) -> anyhow::Result<ExitCode> {
     let room = CONDITIONS_OF_SITE * config.sites.len();
-    let (health, stopping) = (Arc::new(Health::with_room(room)), Arc::<AtomicBool>::default());
+    let (health, stopping) = (Arc::<Health>::default(), Arc::<AtomicBool>::default());
+    health.make_room(room);
     let access = Access::of(&config.http)?;
     let listener = http::listen(&config.http)?;
     let runtime = tokio::runtime::Builder::new_multi_thread()

@@ -51,7 +51,7 @@ impl From<StoreError> for Trouble {
 pub(super) struct Errand {
     pub(super) settings: SinkSettings,
     pub(super) site: String,
-    pub(super) store: PathBuf,
+    pub(super) store: Option<PathBuf>,
     pub(super) marks: Arc<Marks>,
     pub(super) telemetry: Telemetry,
 }
@@ -152,10 +152,13 @@ impl Courier {
     /// Sends all that is due.
     fn round(&mut self) -> Result<(), Trouble> {
         let sent = self.send_direct();
+        let Some(store) = &self.errand.store else {
+            return sent;
+        };
         let reader = match self.reader.take() {
             Some(reader) => reader,
             // Without a store there is still what is sent past it.
-            None => match Reader::open(&self.errand.store) {
+            None => match Reader::open(store) {
                 Ok(reader) => reader,
                 Err(error) => return sent.and(Err(error.into())),
             },

@@ -29,7 +29,8 @@ const LOOK: Duration = Duration::from_millis(20);
 
 /// All couriers of a daemon.
 pub struct Couriers {
-    store: PathBuf,
+    /// `None` if there are only messages past it.
+    store: Option<PathBuf>,
     marks: Arc<Marks>,
     marks_ended: Option<Receiver<()>>,
     telemetry: Telemetry,
@@ -55,6 +56,13 @@ struct Running {
 }
 
 impl Couriers {
+    /// Starts them for messages that come through no store, while it is not open yet.
+    pub fn start_past_the_store(sinks: &[SinkSettings], site: &str, telemetry: Telemetry) -> Self {
+        let mut couriers = Self::over(None, Pace::default(), telemetry);
+        couriers.reload(sinks, site);
+        couriers
+    }
+
     /// Starts one courier for each sink and one for the log. They read `store` and report to `delivered`,
     /// which they hold until stopped.
     pub fn start(
@@ -76,28 +84,30 @@ impl Couriers {
         delivered: Delivered,
         telemetry: Telemetry,
     ) -> Self {
-        let marks = Arc::<Marks>::default();
-        let marks_ended = match marks.start(delivered) {
-            Ok(ended) => Some(ended),
+        let mut couriers = Self::over(Some(store.to_owned()), pace, telemetry);
+        match couriers.marks.start(delivered) {
+            Ok(ended) => couriers.marks_ended = Some(ended),
             Err(error) => {
                 let detail = format!("what was delivered cannot be remembered, no thread for it: {error}");
-                telemetry.health.hold(Fault::Sink, MARKS, detail);
-                None
+                couriers.telemetry.health.hold(Fault::Sink, MARKS, detail);
             }
-        };
-        let mut couriers = Self {
-            store: store.to_owned(),
-            marks,
-            marks_ended,
+        }
+        couriers.reload(sinks, site);
+        couriers
+    }
+
+    fn over(store: Option<PathBuf>, pace: Pace, telemetry: Telemetry) -> Self {
+        Self {
+            store,
+            marks: Arc::default(),
+            marks_ended: None,
             telemetry,
             pace,
             running: Vec::new(),
             alert: AlertSettings::default(),
             heartbeat: None,
             looked: None,
-        };
-        couriers.reload(sinks, site);
-        couriers
+        }
     }
 
     /// Sets the messages about the daemon itself.
@@ -244,7 +254,9 @@ impl Couriers {
             return None;
         }
         let presence = match &settings.kind {
-            SinkKind::Mqtt(mqtt) => Presence::start(mqtt, site, &settings.id, self.pace, &self.telemetry),
+            SinkKind::Mqtt(mqtt) if self.store.is_some() => {
+                Presence::start(mqtt, site, &settings.id, self.pace, &self.telemetry)
+            }
             _ => None,
         };
         Some(Running {

@@ -2,11 +2,12 @@
 
 use super::Failure;
 use super::post::post;
+use super::signal::Signal;
 use crate::config::settings::alert::HeartbeatSettings;
 use crate::service::telemetry::{Fault, State, Telemetry};
 use crate::site::clock;
 use serde_json::json;
-use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
@@ -25,27 +26,30 @@ pub(super) struct Heartbeat {
     settings: HeartbeatSettings,
     site: String,
     telemetry: Telemetry,
-    _stop: SyncSender<()>,
+    signal: Arc<Signal>,
 }
 
 impl Heartbeat {
     /// Starts the heartbeat; `None` if the system gives no thread for it.
     pub(super) fn start(settings: &HeartbeatSettings, site: &str, telemetry: &Telemetry) -> Option<Self> {
-        let (stop, stopped) = sync_channel::<()>(0);
+        let signal = Arc::<Signal>::default();
+        let stopped = Arc::clone(&signal);
         let (own, name, told) = (settings.clone(), site.to_owned(), telemetry.clone());
         let work = move || {
             // The work loop has a moment to begin.
             let mut wait = Duration::from_secs_f64(own.every_s).min(Duration::from_secs(1));
-            while stopped.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
+            while stopped.pause(wait).is_ok() {
                 wait = Duration::from_secs_f64(own.every_s);
-                match sign(&own, &name, &told) {
+                let sent = sign(&own, &name, &told);
+                // One that is stopped while it sends has no condition any more.
+                let _ = stopped.unless_stopped(|| match sent {
                     None => {}
                     Some(Ok(())) => told.health.over(Fault::Sink, ABOUT),
                     Some(Err(failure)) => {
                         told.health
                             .hold(Fault::Sink, ABOUT, format!("{THREAD}: {failure}"))
                     }
-                }
+                });
             }
         };
         let spawned = thread::Builder::new().name(THREAD.to_owned()).spawn(work);
@@ -59,7 +63,7 @@ impl Heartbeat {
             settings: settings.clone(),
             site: site.to_owned(),
             telemetry: telemetry.clone(),
-            _stop: stop,
+            signal,
         })
     }
 
@@ -71,6 +75,7 @@ impl Heartbeat {
 
 impl Drop for Heartbeat {
     fn drop(&mut self) {
+        self.signal.stop();
         self.telemetry.health.over(Fault::Sink, ABOUT);
     }
 }

@@ -56,8 +56,10 @@ pub enum Notice<'a> {
     },
     /// A file, or a part of the journal, is in the store up to its end.
     File(&'a FileMark),
-    /// Another configuration is in force from here on, with the status of its rods, if it can be read.
-    Reloaded(&'a Arc<Generation>, Option<&'a [Standing]>),
+    /// The status of all rods, which something other than a record changed.
+    Standings(&'a [Standing]),
+    /// Another configuration is in force from here on.
+    Reloaded(&'a Arc<Generation>),
 }
 
 /// Reason why the core cannot go on.
@@ -105,7 +107,7 @@ pub struct Core {
 
 impl Core {
     /// A core for an open site. `stopping` ends the wait for a full disk; `halted` is true while the store is
-    /// lost.
+    /// lost; `told` are begins of conditions that were told before the store was open.
     ///
     /// # Errors
     /// The store cannot be read.
@@ -114,10 +116,10 @@ impl Core {
         generation: Arc<Generation>,
         health: Arc<Health>,
         (stopping, halted): (Arc<AtomicBool>, Arc<AtomicBool>),
+        told: Vec<ConditionEvent>,
         notify: Box<dyn Fn(Notice<'_>) + Send>,
     ) -> Result<Self, StoreError> {
-        let settle = Duration::from_secs_f64(generation.config.alert.settle_s);
-        let (vigil, silent_from) = Vigil::begin(site.store(), settle, Arc::clone(&health))?;
+        let (vigil, silent_from) = Vigil::begin(site.store(), told, &generation.config, Arc::clone(&health))?;
         let mut passed = LastSeen::default();
         for (rod, _) in site.latest() {
             // Every record before this start came before the next one. A rod whose record cannot be read has none.
@@ -142,10 +144,16 @@ impl Core {
             health,
             stopping,
             has_placed_sinks: false,
-            has_told: false,
+            // What an earlier process left beside the store goes once the store has it.
+            has_told: true,
             notify,
         };
         core.left_out.retain(&core.generation.config, &core.health);
+        for rod in core.generation.config.rods.iter().map(|rod| &rod.analysis.rod) {
+            if core.health.lasts(Fault::Topic, &overlap::about(rod)) {
+                core.overlaps.resume(rod);
+            }
+        }
         core.listen(silent_from);
         Ok(core)
     }
@@ -316,7 +324,7 @@ impl Core {
 
     fn reload(&mut self, generation: Arc<Generation>) -> Result<(), CoreError> {
         // If the disk is full on the way, the site is opened with the new configuration when there is room again.
-        self.generation = Arc::clone(&generation);
+        let before = std::mem::replace(&mut self.generation, Arc::clone(&generation));
         self.has_placed_sinks = false;
         let mut standings = None;
         if let Some(site) = self.site.take() {
@@ -340,10 +348,23 @@ impl Core {
         for rod in self.overlaps.retain(is_configured) {
             self.health.over(Fault::Topic, &overlap::about(&rod));
         }
+        // Nothing of a topic that no rod reads any more would end its condition.
+        for condition in self.health.conditions() {
+            let about = &condition.about;
+            if condition.fault == Fault::Topic
+                && before.config.reads(about)
+                && !generation.config.reads(about)
+            {
+                self.health.over(Fault::Topic, about);
+            }
+        }
         self.listen(clock::now());
         let settle = Duration::from_secs_f64(generation.config.alert.settle_s);
         self.vigil.set_settle(settle);
-        (self.notify)(Notice::Reloaded(&generation, standings.as_deref()));
+        if let Some(standings) = standings {
+            (self.notify)(Notice::Standings(&standings));
+        }
+        (self.notify)(Notice::Reloaded(&generation));
         Ok(())
     }
 
@@ -357,7 +378,7 @@ impl Core {
 
     fn tick(&mut self, is_caught_up: bool) -> Result<(), CoreError> {
         self.look_at_files()?;
-        let mut has_news = self.durable(Site::apply_requests)? > 0;
+        let mut has_moved = self.durable(Site::apply_requests)? > 0;
         if is_caught_up {
             let lasting: Vec<(RodId, f64)> = self
                 .silence
@@ -366,18 +387,23 @@ impl Core {
                 .collect();
             for (rod, elapsed_s) in lasting {
                 let events = self.durable(|site| site.look_at_clock(&rod, elapsed_s))?;
-                has_news |= !events.is_empty();
+                has_moved |= !events.is_empty();
             }
+        }
+        let mut has_news = has_moved;
+        if has_moved {
+            let standings = self.durable(|site| site.standings())?;
+            (self.notify)(Notice::Standings(&standings));
         }
         let config = &self.generation.config;
         self.vigil.tick(self.site.as_ref(), config, is_caught_up);
         self.vigil.look();
-        self.tell(None);
         if let Some((notices, stretch)) = self.vigil.due() {
             self.durable(|site| site.watch(&notices, stretch))?;
             self.vigil.kept(notices.len());
             has_news |= !notices.is_empty();
         }
+        self.tell(None);
         if let Some(keep_s) = self.generation.config.store.keep_lines_s
             && let Some((rod, from)) = self.retention.next(&self.generation.plans)
         {

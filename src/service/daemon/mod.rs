@@ -13,6 +13,7 @@ mod misnamed;
 mod new_store;
 pub mod notify;
 mod opening;
+mod pending;
 mod pipe;
 pub mod places;
 pub mod quarantine;
@@ -26,6 +27,7 @@ mod silence;
 pub mod steps;
 pub mod supervision;
 pub mod trial;
+mod unopened;
 mod unread;
 mod useless;
 mod vigil;
@@ -58,7 +60,10 @@ use std::thread;
 use std::time::Duration;
 use tokio::runtime::Runtime;
 use tokio::sync::watch;
+use unopened::Unopened;
 
+/// Conditions of a kind that may hold of one rod: of a few sensors, of its thermometer.
+const CONDITIONS_OF_ROD: usize = 4;
 /// Interval between checks of the threads.
 const LOOK: Duration = Duration::from_secs(1);
 
@@ -106,6 +111,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     memory::return_freed();
     let inherited = Listener::inherited()?;
     let telemetry = Telemetry::default();
+    telemetry.health.make_room(CONDITIONS_OF_ROD * config.rods.len());
     let (sender, events) = channel();
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
@@ -125,7 +131,14 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         Some(held) => held.into(),
         None => error,
     };
-    let mut bound = Some(bind().map_err(holder)?);
+    let mut unopened = Unopened::new(&config, &telemetry);
+    let mut bound = match bind().map_err(holder) {
+        Ok(bound) => Some(bound),
+        Err(error) => {
+            unopened.tell_end(&error);
+            return Err(error);
+        }
+    };
     let _watchdog = Watchdog::start(telemetry.clone())?;
     open(
         config,
@@ -139,7 +152,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         telemetry: &telemetry,
         sender: &sender,
     };
-    let result = daemon.live(&events, &mut bound);
+    let result = daemon.live(&events, &mut bound, unopened);
     // Whatever still waits for the network is not waited for.
     runtime.shutdown_background();
     result
@@ -194,7 +207,12 @@ struct Daemon<'a> {
 
 impl Daemon<'_> {
     /// Handles lifecycle events until the end.
-    fn live(&self, events: &Receiver<LifecycleEvent>, bound: &mut Option<Bound>) -> anyhow::Result<ExitCode> {
+    fn live(
+        &self,
+        events: &Receiver<LifecycleEvent>,
+        bound: &mut Option<Bound>,
+        unopened: Unopened,
+    ) -> anyhow::Result<ExitCode> {
         let Self {
             options,
             runtime,
@@ -203,12 +221,16 @@ impl Daemon<'_> {
         } = *self;
         let health = &telemetry.health;
         let mut running: Option<Running> = None;
+        let mut unopened = Some(unopened);
         // One configuration is prepared at a time; a SIGHUP meanwhile is answered after it.
         let (mut is_preparing, mut is_asked_again) = (true, false);
         loop {
             let event = match events.recv_timeout(LOOK) {
                 Ok(event) => event,
                 Err(_) => {
+                    if let Some(unopened) = &mut unopened {
+                        unopened.look();
+                    }
                     let error = match running.as_ref().map_or(Ok(()), Running::check) {
                         Ok(()) => continue,
                         Err(error) => anyhow::Error::from(error),
@@ -224,17 +246,31 @@ impl Daemon<'_> {
                     tracing::info!("stopping");
                     notify::stopping();
                     telemetry.enter(Phase::Stopping);
+                    unopened.iter().for_each(Unopened::leave);
                     let result = running.map_or(Ok(()), |running| running.drain(runtime, events));
                     return result.map(|()| ExitCode::SUCCESS).map_err(Into::into);
                 }
                 LifecycleEvent::Reload if is_preparing => is_asked_again = true,
                 LifecycleEvent::Reload => is_preparing = begin_reload(options, health, sender),
                 LifecycleEvent::Opened(opened) => {
-                    let (generation, site) = opened?;
                     let bound = bound.take().unwrap_or_default();
-                    let status = format!("{}: {} rods", generation.config.site, generation.plans.len());
-                    let begun =
-                        Running::start(generation, *site, options, bound, runtime, telemetry, sender)?;
+                    let begun = opened.and_then(|(generation, site)| {
+                        let status = format!("{}: {} rods", generation.config.site, generation.plans.len());
+                        let told = unopened.as_ref().map(Unopened::told).unwrap_or_default();
+                        let site = (*site, told);
+                        let begun =
+                            Running::start(generation, site, options, bound, runtime, telemetry, sender)?;
+                        Ok((begun, status))
+                    });
+                    let (begun, status) = match (begun, unopened.take()) {
+                        (Ok(begun), _) => begun,
+                        (Err(error), unopened) => {
+                            unopened
+                                .into_iter()
+                                .for_each(|mut unopened| unopened.tell_end(&error));
+                            return Err(error);
+                        }
+                    };
                     running = Some(begun);
                     telemetry.enter(Phase::Serving);
                     notify::ready(&status);
@@ -245,6 +281,7 @@ impl Daemon<'_> {
                 LifecycleEvent::Prepared(prepared) => {
                     match (prepared, &mut running) {
                         (Ok(generation), Some(running)) => {
+                            health.make_room(CONDITIONS_OF_ROD * generation.config.rods.len());
                             running.reload(generation);
                             health.over(Fault::Reload, &about(options));
                             notify::ready("the configuration was read again");

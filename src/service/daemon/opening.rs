@@ -5,7 +5,7 @@ use crate::service::telemetry::{Fault, Health};
 use crate::site::baselines::{self, BaselineError};
 use crate::site::clock;
 use crate::site::prepared::Generation;
-use crate::site::store::{Durability, Store, StoreError};
+use crate::site::store::{ConditionEvent, Durability, Store, StoreError};
 use crate::site::trackers::{self, Site};
 use std::path::Path;
 use std::thread;
@@ -25,17 +25,18 @@ pub fn open_site(path: &Path, generation: &Generation, health: &Health) -> Resul
 }
 
 fn open_store(path: &Path, health: &Health) -> Result<Store, StoreError> {
-    let store = Store::open(path, Durability::Full)?;
+    let mut store = Store::open(path, Durability::Full)?;
     if let Some(aside) = store.moved_aside() {
-        health.hold(
-            Fault::StoreDamaged,
-            &path.display().to_string(),
-            format_args!(
-                "the store was damaged and is now {}; a new one is begun from the recordings and journal parts that are there; \
-                 acknowledgements and baselines asked for must be repeated",
-                aside.display()
-            ),
+        let about = path.display().to_string();
+        let detail = format!(
+            "the store was damaged and is now {}; a new one is begun from the recordings and journal parts that are there; \
+             acknowledgements and baselines asked for must be repeated",
+            aside.display()
         );
+        // In the new store before anything else: nothing there would show it after a kill.
+        let notice = ConditionEvent::raised(Fault::StoreDamaged.code(), &about, clock::now(), &detail);
+        store.watch(&[notice], None)?;
+        health.hold(Fault::StoreDamaged, &about, detail);
     }
     Ok(store)
 }

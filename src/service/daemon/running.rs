@@ -19,6 +19,7 @@ use crate::site::clock;
 use crate::site::driver::{Job, Loads};
 use crate::site::ordered_map::message_of;
 use crate::site::prepared::Generation;
+use crate::site::store::ConditionEvent;
 use crate::site::trackers::Site;
 use anyhow::Context;
 use std::collections::BTreeMap;
@@ -108,13 +109,13 @@ impl Forward {
 }
 
 impl Running {
-    /// Starts all threads.
+    /// Starts all threads; `told` are begins of conditions that were told before the site was open.
     ///
     /// # Errors
     /// The files beside the store or the journal cannot be read or written, or the system gives no thread.
     pub fn start(
         generation: Arc<Generation>,
-        site: Site,
+        (site, told): (Site, Vec<ConditionEvent>),
         options: &Options,
         bound: Bound,
         runtime: &Runtime,
@@ -174,6 +175,7 @@ impl Running {
             Arc::clone(&generation),
             Arc::clone(health),
             (Arc::clone(&ending.drain), halted),
+            told,
             Box::new(hear(
                 telemetry.clone(),
                 &live,
@@ -403,10 +405,8 @@ fn hear(
                 }
                 tracing::info!("{} is read", mark.name);
             }
-            Notice::Reloaded(generation, standings) => {
-                if let Some(standings) = standings {
-                    metrics.standings(standings);
-                }
+            Notice::Standings(standings) => metrics.standings(standings),
+            Notice::Reloaded(generation) => {
                 tracing::info!("configuration {} holds", generation.provenance().hash);
             }
         }

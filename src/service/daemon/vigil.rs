@@ -1,15 +1,15 @@
 //! The watch over the daemon itself: its conditions, its clock, topics that belong to no rod.
 
 use super::misnamed::Misnamed;
-use super::unread;
 use super::wall_clock::{Began, WallClock};
+use super::{pending, unread};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::config::Config;
 use crate::service::alert::Conditions;
 use crate::service::telemetry::{Fault, Health};
 use crate::site::clock;
 use crate::site::overlap;
-use crate::site::store::{ConditionEvent, Reader, StoreError, Stretch};
+use crate::site::store::{ConditionEvent, Store, StoreError, Stretch};
 use crate::site::trackers::Site;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -67,20 +67,31 @@ impl Lag {
 }
 
 impl Vigil {
-    /// Begins the watch; `silent_from` is the time up to which the rods' silence before the start counts:
-    /// now, or the end of the last daemon's work if the clock is in doubt.
+    /// Begins the watch over the daemon of a configuration; `told` are begins of conditions that were told past the store. Returns also the time up to which the rods' silence before the start counts: now, or the end of the last daemon's
+    /// work if the clock is in doubt.
     ///
     /// # Errors
     /// The store cannot be read.
     pub fn begin(
-        store: &Reader,
-        settle: Duration,
+        store: &Store,
+        told: Vec<ConditionEvent>,
+        config: &Config,
         health: Arc<Health>,
     ) -> Result<(Self, Timestamp), StoreError> {
         let (wall, now) = (clock::now(), Instant::now());
         let last = store.stretches()?.last().copied();
         let (clock, began) = WallClock::begin(last, wall, now);
         let mut unkept = Vec::new();
+        for begun in told {
+            if !store.has_notice(&begun.condition)? {
+                unkept.push(begun);
+            }
+        }
+        let mut standing = store.standing_notices()?;
+        standing
+            .iter()
+            .for_each(|notice| stands_on(notice, config, &health));
+        standing.extend(unkept.iter().cloned());
         let mut silent_from = wall;
         match (began, last) {
             (Began::Even, _) | (_, None) => {}
@@ -104,8 +115,7 @@ impl Vigil {
                 health.hold(Fault::Clock, CLOCK, detail);
             }
         }
-        let standing = store.standing_notices()?;
-        standing.iter().for_each(|notice| stands_on(notice, &health));
+        let settle = Duration::from_secs_f64(config.alert.settle_s);
         let vigil = Self {
             conditions: Conditions::new(settle, standing),
             health,
@@ -172,6 +182,11 @@ impl Vigil {
         (is_due || !self.unkept.is_empty()).then(|| (self.unkept.clone(), self.clock.stretch()))
     }
 
+    /// Line beside the store that keeps over a restart what was told and the store does not have.
+    pub fn pending(&self) -> String {
+        pending::line(&self.unkept)
+    }
+
     /// Stretch of work up to now, for the store at a clean end.
     pub fn last_stretch(&mut self) -> Stretch {
         self.clock.look(clock::now(), Instant::now());
@@ -186,15 +201,14 @@ impl Vigil {
 }
 
 /// Holds a condition of before the start that only new data can end; the others are found again by looking.
-fn stands_on(notice: &ConditionEvent, health: &Health) {
+fn stands_on(notice: &ConditionEvent, config: &Config, health: &Health) {
     let is = |fault: Fault| notice.fault == fault.code();
-    if is(Fault::Topic) && !overlap::is_about(&notice.about) {
-        health.strays().came(&notice.about);
+    // A topic that no rod reads is looked at again beside those of which nothing comes.
+    if is(Fault::Topic) && !overlap::is_about(&notice.about) && !config.reads(&notice.about) {
+        return health.strays().came(&notice.about);
     }
-    for fault in [Fault::Behind, Fault::Clock, Fault::LeftOut]
-        .into_iter()
-        .filter(|fault| is(*fault))
-    {
+    let mut lasting = [Fault::Behind, Fault::Clock, Fault::LeftOut, Fault::Topic].into_iter();
+    if let Some(fault) = lasting.find(|fault| is(*fault)) {
         health.hold(fault, &notice.about, &notice.detail);
     }
 }
@@ -202,7 +216,6 @@ fn stands_on(notice: &ConditionEvent, health: &Health) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::site::store::Store;
 
     #[test]
     fn a_daemon_that_never_catches_up_is_behind_in_the_end() {
@@ -218,14 +231,25 @@ mod tests {
 
     #[test]
     fn what_data_alone_can_end_outlasts_a_restart() {
+        let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/config/todi.toml")).unwrap();
+        let config = Config::parse(&text, "todi.toml").unwrap();
+        let read = config.rods[0].channels.all().next().unwrap().topic.clone();
+        let overlap = overlap::about(&config.rods[0].analysis.rod);
         let mut store = Store::in_memory().unwrap();
-        let notices = [("topic", "/west/disp"), ("behind", "sources"), ("sink", "mail")]
-            .map(|(fault, about)| ConditionEvent::raised(fault, about, clock::now(), "stood before"));
+        let notices = [
+            ("topic", "/west/disp"),
+            ("topic", &read),
+            ("topic", &overlap),
+            ("behind", "sources"),
+            ("sink", "mail"),
+        ]
+        .map(|(fault, about)| ConditionEvent::raised(fault, about, clock::now(), "stood before"));
         store.watch(&notices, None).unwrap();
         let health = Arc::<Health>::default();
-        Vigil::begin(&store, Duration::from_secs(60), Arc::clone(&health)).unwrap();
+        Vigil::begin(&store, Vec::new(), &config, Arc::clone(&health)).unwrap();
         assert_eq!(health.strays().topics(), ["/west/disp"]);
         assert!(health.lasts(Fault::Behind, "sources"));
+        assert!(health.lasts(Fault::Topic, &read) && health.lasts(Fault::Topic, &overlap));
         // The sink is tried anew.
         assert!(!health.lasts(Fault::Sink, "mail"));
     }

@@ -82,6 +82,7 @@ impl Watch {
             unplaced: config.sinks.clone(),
             conditions: Conditions::new(settle, standing),
             unkept: Vec::new(),
+            told: 0,
             unrelayed: None,
             health: Arc::clone(health),
         };
@@ -97,6 +98,7 @@ impl Watch {
                 if teller.look(&marks) | teller.take(&pages) {
                     couriers.wake();
                 }
+                teller.untold().iter().for_each(|notice| couriers.tell(notice));
                 couriers.look_at_clock(clock::now());
             }
             // What is delivered while they end is marked, too.
@@ -142,6 +144,8 @@ struct Teller {
     conditions: Conditions,
     /// Notices that the outbox does not have yet.
     unkept: Vec<ConditionEvent>,
+    /// Number of these that were told past it.
+    told: usize,
     /// Events of a site that the outbox does not have yet.
     unrelayed: Option<Relayed>,
     health: Arc<Health>,
@@ -162,9 +166,16 @@ impl Teller {
         let written = self.store.watch(&self.unkept, None);
         if self.wrote(written) {
             self.unkept.clear();
+            self.told = 0;
             return true;
         }
         false
+    }
+
+    /// Notices to be told past an outbox that does not take them; the sinks do not get them again from it.
+    fn untold(&mut self) -> &[ConditionEvent] {
+        let told = std::mem::replace(&mut self.told, self.unkept.len());
+        self.unkept.get(told..).unwrap_or_default()
     }
 
     /// Puts what the sites told into the outbox; returns true if there is news in it.
@@ -219,5 +230,48 @@ impl Teller {
                 false
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_outbox_that_takes_nothing_is_told_past_it_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("outbox.db");
+        let store = Store::open(&path, Durability::Full).unwrap();
+        let other = rusqlite::Connection::open(&path).unwrap();
+        let full = "CREATE TRIGGER full BEFORE INSERT ON notice BEGIN SELECT RAISE(ABORT, 'no room'); END";
+        other.execute_batch(full).unwrap();
+        let health = Arc::<Health>::default();
+        let mut teller = Teller {
+            store,
+            unplaced: Vec::new(),
+            conditions: Conditions::new(Duration::ZERO, Vec::new()),
+            unkept: Vec::new(),
+            told: 0,
+            unrelayed: None,
+            health: Arc::clone(&health),
+        };
+        let (_mark, marks) = sync_channel(1);
+        let abouts = |notices: &[ConditionEvent]| -> Vec<String> {
+            notices.iter().map(|notice| notice.about.clone()).collect()
+        };
+        health.hold(Fault::Silent, "todi", "nothing came");
+        assert!(!teller.look(&marks));
+        assert_eq!(abouts(teller.untold()), ["todi"]);
+        assert!(!teller.look(&marks));
+        assert_eq!(abouts(teller.untold()), [ABOUT]);
+        assert!(!teller.look(&marks));
+        assert!(teller.untold().is_empty());
+        other.execute_batch("DROP TRIGGER full").unwrap();
+        assert!(teller.look(&marks), "all is kept once there is room");
+        assert!(teller.untold().is_empty());
+        assert_eq!(
+            abouts(&teller.store.notices_after(0, 9).unwrap()),
+            ["todi", ABOUT]
+        );
     }
 }

@@ -10,6 +10,7 @@
 //! `docs/streams.md` has the protocol and the limits.
 
 pub(crate) mod certificate;
+mod clients;
 mod connection;
 pub mod counts;
 mod entrance;

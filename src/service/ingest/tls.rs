@@ -2,6 +2,7 @@
 //! sides of it.
 
 use super::certificate::{Facts, Rights, Validity};
+use super::clients::Clients;
 use super::listener::ListenError;
 use crate::config::settings::ingest::TlsSettings;
 use crate::service::telemetry::{Fault, Health, Via};
@@ -20,6 +21,7 @@ use tokio_rustls::{TlsAcceptor, TlsConnector};
 pub(super) struct Identity {
     settings: TlsSettings,
     present: Mutex<Present>,
+    clients: Clients,
 }
 
 /// Certificates in force.
@@ -40,7 +42,11 @@ impl Identity {
     /// They cannot be used.
     pub fn read(settings: TlsSettings) -> Result<Self, ListenError> {
         let present = Mutex::new(read(&settings)?);
-        Ok(Self { settings, present })
+        Ok(Self {
+            settings,
+            present,
+            clients: Clients::default(),
+        })
     }
 
     /// Acceptor with the certificates in force.
@@ -104,6 +110,7 @@ impl Identity {
             ),
             false => health.over(Fault::Certificate, &about),
         }
+        self.clients.look(now_s, health);
     }
 
     /// Rights of a client by its certificate, whose near end is reported.
@@ -119,18 +126,7 @@ impl Identity {
         let chain = connection.peer_certificates().unwrap_or_default();
         let facts = Facts::of(chain.first().ok_or("no certificate")?)?;
         let about = format!("client {}", facts.name());
-        let is_refused = match facts.valid.holds(now_s) {
-            true => "it is refused from then on",
-            false => "it is refused",
-        };
-        match facts.valid.warning(now_s) {
-            Some(warning) => health.hold(
-                Fault::Certificate,
-                &about,
-                format_args!("the certificate of {about} {warning}; {is_refused}"),
-            ),
-            None => health.over(Fault::Certificate, &about),
-        }
+        self.clients.connected(&about, facts.valid, now_s, health);
         // A session that is taken up again shows its certificate without having it checked anew.
         let rights = if facts.valid.holds(now_s) {
             Rights::of(&facts, &self.settings.bound)

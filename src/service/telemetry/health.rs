@@ -15,12 +15,9 @@ pub struct Health {
 }
 
 impl Health {
-    /// A health with room for so many conditions more than a daemon of one site has.
-    pub fn with_room(room: usize) -> Self {
-        Self {
-            ledger: Mutex::new(Ledger::with_room(room)),
-            ..Self::default()
-        }
+    /// Makes room for so many conditions of a kind beside the 256 that there is room for.
+    pub fn make_room(&self, room: usize) {
+        self.ledger().make_room(room);
     }
 
     /// Counts a fault, and logs it unless one of its kind was logged less than a minute ago.

@@ -11,7 +11,8 @@ const LOG_EVERY: Duration = Duration::from_secs(60);
 /// Time for which a past fault makes the state `degraded`.
 const REMEMBERED: Duration = Duration::from_secs(15 * 60);
 
-/// Most conditions held at once without further room: their subjects may come from outside.
+/// Most conditions of one kind held at once without further room: their subjects may come from outside. Of a kind each, so that many
+/// of one kind keep none of another from being held.
 const MOST_CONDITIONS: usize = 256;
 
 /// Longest detail kept, in characters.
@@ -36,7 +37,7 @@ pub(super) struct Ledger {
     kinds: BTreeMap<Fault, Kind>,
     conditions: BTreeMap<(Fault, String), Condition>,
     phase: Phase,
-    /// Number of conditions that may be held beyond [`MOST_CONDITIONS`].
+    /// Number of conditions of a kind that may be held beyond [`MOST_CONDITIONS`].
     room: usize,
 }
 
@@ -50,12 +51,8 @@ struct Kind {
 }
 
 impl Ledger {
-    /// A ledger with room for so many conditions more.
-    pub(super) fn with_room(room: usize) -> Self {
-        Self {
-            room,
-            ..Self::default()
-        }
+    pub(super) fn make_room(&mut self, room: usize) {
+        self.room = room;
     }
 
     /// Counts a fault; returns the line to log, unless one of its kind was logged less than a minute ago.
@@ -84,7 +81,9 @@ impl Ledger {
             return None;
         }
         let line = self.fault(fault, detail, now);
-        if self.conditions.len() < MOST_CONDITIONS + self.room {
+        let of_kind = self.conditions.range((fault, String::new())..);
+        let count = of_kind.take_while(|((other, _), _)| *other == fault).count();
+        if count < MOST_CONDITIONS + self.room {
             let condition = Condition {
                 fault,
                 about: key.1.clone(),
@@ -303,7 +302,10 @@ mod tests {
         }
         assert_eq!(ledger.conditions().len(), MOST_CONDITIONS);
         assert_eq!(ledger.count(Fault::Recording), 10_000);
-        let mut roomy = Ledger::with_room(44);
+        ledger.hold(Fault::DiskFull, "store", "no space", now);
+        assert_eq!(ledger.state(now), State::Failing, "many of a kind hide no other");
+        let mut roomy = Ledger::default();
+        roomy.make_room(44);
         for number in 0..10_000 {
             roomy.hold(Fault::Silent, &format!("site {number}"), "nothing came", now);
         }

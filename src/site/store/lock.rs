@@ -2,7 +2,7 @@
 
 use super::{FileId, StoreError};
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{ErrorKind, Read, Write};
+use std::io::{ErrorKind, Read};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -36,13 +36,15 @@ impl Lock {
             Err(TryLockError::WouldBlock) => return Err(held_by(&mut file, path)),
             Err(TryLockError::Error(source)) => return Err(io(source)),
         }
-        file.write_all(&content("")).map_err(io)?;
+        // What the last holder left for the next daemon stays until one tells something.
+        file.write_all_at(&content(&left(path), ""), 0).map_err(io)?;
         Ok(Self { file })
     }
 
-    /// Writes a text for those who cannot ask the holder, beneath its id; empty if it is at work. What has no room is cut off.
-    pub(super) fn tell(&self, text: &str) -> std::io::Result<()> {
-        self.file.write_all_at(&content(text), 0)
+    /// Writes a line for the next holder and a text for those who cannot ask this one, beneath its id; empty if it is at work. What of
+    /// the text has no room is cut off.
+    pub(super) fn tell(&self, line: &str, text: &str) -> std::io::Result<()> {
+        self.file.write_all_at(&content(line, text), 0)
     }
 
     /// True if the file of the store at `path` is still the one that is locked.
@@ -61,9 +63,9 @@ impl Lock {
     }
 }
 
-/// Content of the file: id of this process, text, line feeds to the length.
-fn content(text: &str) -> Vec<u8> {
-    let mut bytes = format!("{}\n{text}", std::process::id()).into_bytes();
+/// Content of the file: id of this process, line for the next holder, text, line feeds to the length.
+fn content(line: &str, text: &str) -> Vec<u8> {
+    let mut bytes = format!("{}\n{line}\n{text}", std::process::id()).into_bytes();
     bytes.resize(LENGTH, b'\n');
     bytes
 }
@@ -74,8 +76,8 @@ pub struct Reserved(pub(super) Lock);
 
 impl Reserved {
     /// See [`Store::tell`](super::Store::tell).
-    pub fn tell(&self, text: &str) {
-        let _ = self.0.tell(text);
+    pub fn tell(&self, line: &str, text: &str) {
+        let _ = self.0.tell(line, text);
     }
 }
 
@@ -107,9 +109,15 @@ pub(super) fn told(path: &Path) -> Option<String> {
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes).ok()?;
     let text = String::from_utf8_lossy(&bytes);
-    let (_, told) = text.split_once('\n')?;
-    let told = told.trim_end();
+    let told = text.splitn(3, '\n').nth(2)?.trim_end();
     (!told.is_empty()).then(|| told.to_owned())
+}
+
+/// Line that the last process to tell something left beside the store at `path` for the next one; empty if none.
+pub(super) fn left(path: &Path) -> String {
+    let bytes = std::fs::read(beside(path, ".lock")).unwrap_or_default();
+    let text = String::from_utf8_lossy(&bytes);
+    text.lines().nth(1).unwrap_or_default().to_owned()
 }
 
 /// Error that names the holder of a locked file.
@@ -150,9 +158,9 @@ mod tests {
         let file = beside(&path, ".lock");
         assert_eq!(std::fs::metadata(&file).unwrap().len(), LENGTH as u64);
         assert_eq!(told(&path), None);
-        lock.tell("no room\non the disk").unwrap();
+        lock.tell("", "no room\non the disk").unwrap();
         assert_eq!(told(&path).as_deref(), Some("no room\non the disk"));
-        lock.tell(&"x".repeat(10_000)).unwrap();
+        lock.tell("", &"x".repeat(10_000)).unwrap();
         assert!(told(&path).unwrap().len() < LENGTH);
         let holder = |path: &Path| match holder(path).unwrap() {
             Some(StoreError::Held { pid, .. }) => pid,
@@ -169,5 +177,22 @@ mod tests {
         assert!(matches!(lock.renew(&path), Err(StoreError::Held { .. })));
         drop(other);
         assert_eq!(told(&path), None);
+    }
+
+    #[test]
+    fn the_next_holder_finds_the_line_that_was_left_and_others_between_them_keep_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("site.db");
+        let lock = Lock::take(&path).unwrap();
+        assert_eq!(left(&path), "");
+        lock.tell("what stands", "no room").unwrap();
+        drop(lock);
+        let of_a_command = Lock::take(&path).unwrap();
+        assert_eq!(told(&path), None, "the text was of another process");
+        drop(of_a_command);
+        let lock = Lock::take(&path).unwrap();
+        assert_eq!(left(&path), "what stands");
+        lock.tell("", "").unwrap();
+        assert_eq!(left(&path), "");
     }
 }

@@ -155,12 +155,12 @@ impl Store {
         self.lock.map(Reserved)
     }
 
-    /// Writes a text for those who cannot ask this process, beside the store ([`told`]); empty if nothing is wrong. Needs no room on
-    /// the disk.
-    pub fn tell(&self, text: &str) {
+    /// Writes beside the store a line for the next daemon ([`left`]), and a text for those who cannot ask this
+    /// one ([`told`]); empty if nothing is wrong. Needs no room on the disk.
+    pub fn tell(&self, line: &str, text: &str) {
         if let Some(lock) = &self.lock {
             // Nothing can be done where even this is refused.
-            let _ = lock.tell(text);
+            let _ = lock.tell(line, text);
         }
     }
 
@@ -392,6 +392,11 @@ pub fn is_held(path: &Path) -> Option<bool> {
 pub fn told(path: &Path) -> Option<String> {
     // The store itself may be gone.
     lock::told(&std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned()))
+}
+
+/// Line that the last process to tell something left beside the store at `path` ([`Store::tell`]); empty if none.
+pub fn left(path: &Path) -> String {
+    lock::left(&std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned()))
 }
 
 /// Error if another process writes the store at `path`, so that it cannot be written now.

@@ -264,6 +264,15 @@ impl Reader {
         self.notices(lasts, &[])
     }
 
+    /// True if there is a notice of a condition, by its id.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    pub fn has_notice(&self, condition: &str) -> Result<bool, StoreError> {
+        let found = self.notices("condition = ?1 LIMIT 1", &[&condition])?;
+        Ok(!found.is_empty())
+    }
+
     fn notices(
         &self,
         wanted: &str,

@@ -34,7 +34,7 @@ fn what_happens_before_the_first_look_of_a_courier_is_told() {
     let store = Store::open(&folder.path().join("site.db"), Durability::Replay).unwrap();
     let site = Site::open(first.track_plans.iter().cloned(), store, first.provenance()).unwrap();
     let flags = (Arc::<AtomicBool>::default(), Arc::<AtomicBool>::default());
-    let mut core = Core::new(site, first, Arc::default(), flags, Box::new(|_| ())).unwrap();
+    let mut core = Core::new(site, first, Arc::default(), flags, Vec::new(), Box::new(|_| ())).unwrap();
     let tick = || Done::Job(Job::Tick { is_caught_up: false });
     core.take(vec![tick()]).unwrap();
     core.take(vec![Done::Job(Job::Reload(Arc::clone(&both))), tick()])

@@ -148,16 +148,19 @@ impl Core {
         Ok(())
     }
 
-    /// Tells those who can ask neither this daemon nor its store why nothing is stored, by the lock: `reserved`, or the open store's.
+    /// Tells those who can ask neither this daemon nor its store why nothing is stored, and the next daemon what the store does not
+    /// have, by the lock: `reserved`, or the open store's.
     pub(super) fn tell(&mut self, reserved: Option<&Reserved>) {
         let text = Monitoring::past_the_store(&self.health.conditions(), clock::now());
-        if text.is_empty() && !self.has_told {
+        let pending = self.vigil.pending();
+        let is_nothing = text.is_empty() && pending.is_empty();
+        if is_nothing && !self.has_told {
             return;
         }
-        self.has_told = !text.is_empty();
+        self.has_told = !is_nothing;
         match (reserved, &self.site) {
-            (Some(reserved), _) => reserved.tell(&text),
-            (None, Some(site)) => site.store().tell(&text),
+            (Some(reserved), _) => reserved.tell(&pending, &text),
+            (None, Some(site)) => site.store().tell(&pending, &text),
             (None, None) => {}
         }
     }

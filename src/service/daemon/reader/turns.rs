@@ -11,7 +11,7 @@ use crate::service::daemon::folder::{Folder, FolderEnd, FolderStep, Waits};
 use crate::service::daemon::steps::Guard;
 use crate::service::daemon::supervision::Standing;
 use crate::service::daemon::trial::Input;
-use crate::service::daemon::useless::Useless;
+use crate::service::daemon::useless;
 use crate::service::journal;
 use crate::service::telemetry::Fault;
 use crate::service::viewer::Signals;
@@ -41,8 +41,6 @@ pub(super) struct Work {
     folder: Option<Folder>,
     journal: Option<JournalLane>,
     generation: Arc<Generation>,
-    /// Topics read so far that gave no sample.
-    useless: Useless,
     /// Configuration that takes effect with the next part of the journal.
     waiting: Option<Arc<Generation>>,
     /// Time of the last event sent, and of the last report that there is no more to read.
@@ -123,7 +121,6 @@ impl Work {
             folder,
             journal,
             generation,
-            useless: Useless::default(),
             waiting: None,
             last_event: None,
             last_look: None,
@@ -270,7 +267,7 @@ impl Work {
                     if let Ok(summary) = result {
                         let topics = summary.topics.iter();
                         let topics = topics.map(|(name, topic)| (name.as_str(), topic));
-                        self.useless.look(&self.around.health, topics);
+                        useless::look(&self.around.health, &self.generation.config, topics);
                     }
                 }
                 let (marks, results) = files.into_iter().unzip();
@@ -305,7 +302,7 @@ impl Work {
             Step::File(end) => self.end_part(*end)?,
             Step::Wait => {
                 lane.is_read = true;
-                self.useless.look(&around.health, lane.series.topics());
+                useless::look(&around.health, &self.generation.config, lane.series.topics());
                 let stuck = lane.series.stuck_in();
                 if stuck > lane.rotated {
                     lane.handle.rotate();

@@ -16,6 +16,13 @@
 //!
 //! with L the low pass of tau_L = 2 h: that of a steady slope lags by tau_L. Sparse readings hold.
 //!
+//! Of a time without readings, longer than usual by far, nothing is known. After it a filter is off by the share of its memory that the time
+//! has, of as much as it is off the readings at other times, in mean square V; and it forgets that like everything else:
+//!
+//! ```text
+//! W_1 = W_0 e^-2x + V (1 - e^-x)^2 after such a hole,    W_1 = W_0 e^-2x else
+//! ```
+//!
 //! A rod follows the air by hours, masonry by weeks; a weighted sum of filters between stands for lags in between and for
 //! distributed ones.
 
@@ -45,6 +52,15 @@ const SPARSE_D: f64 = 1.0 / 6.0;
 const WANDER_D: f64 = 10.0;
 /// Least weight of the newest change in their mean square.
 const FRESH_CHANGE: f64 = 1.0 / 30.0;
+/// Usual gaps beyond which a time without readings is a hole, if it is one of [`HOLE_D`]; and most of them that a gap counts for.
+const HOLE_GAPS: f64 = 3.0;
+const LONGEST_GAPS: f64 = 10.0;
+/// Longest time over which the filters' distance from the readings is averaged \[d\].
+const SPREAD_D: f64 = 60.0;
+/// Correlation of the errors of two filters after a hole: they share the distance of the present reading from its mean.
+const SHARED: f64 = 0.5;
+/// Variance of an error that counts as none \[K^2\]: (0.02 K)^2.
+const NOTHING_K2: f64 = 4e-4;
 
 /// Exponential filters of one thermometer's readings.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -69,6 +85,14 @@ pub struct Filters {
     /// Weight of the newest change in both; zero before the first.
     #[serde(default)]
     newest: f64,
+    /// V: mean square distance of each filter from the readings \[K^2\], and the time over which it is averaged \[d\].
+    #[serde(default)]
+    spread_k2: [f64; FILTERS_D.len()],
+    #[serde(default)]
+    spread_over_d: f64,
+    /// W: variance of each filter's error by holes before the last reading \[K^2\].
+    #[serde(default)]
+    lost_k2: [f64; FILTERS_D.len()],
 }
 
 impl Filters {
@@ -84,7 +108,8 @@ impl Filters {
     /// Takes a reading; one that is not finite, or not later than the last, is left out.
     ///
     /// The first reading starts every filter at its own value. After a hole longer than a day and a half and three time
-    /// constants a filter starts again; across shorter ones the temperature is taken as a straight line.
+    /// constants a filter starts again; across shorter ones the temperature is taken as a straight line. How far off that may be is
+    /// remembered.
     pub fn push(&mut self, day: f64, celsius: f64) {
         if !celsius.is_finite() || !day.is_finite() || self.last.is_some_and(|last| day <= last) {
             return;
@@ -93,6 +118,8 @@ impl Filters {
         if let Some(passed) = passed.filter(|passed| *passed <= WANDER_D) {
             self.learn(passed, celsius);
         }
+        let is_hole = passed.is_some_and(|passed| passed > HOLE_D.max(HOLE_GAPS * self.gap));
+        self.lost_k2 = self.lost_after(passed.unwrap_or(0.0), is_hole);
         for (filtered, memory_d) in self.filtered.iter_mut().zip(FILTERS_D) {
             *filtered = match passed {
                 Some(passed) if passed <= HOLE_D.max(HOLE_MEMORIES * memory_d) => {
@@ -108,8 +135,17 @@ impl Filters {
             _ => celsius,
         });
         if let Some(passed) = passed {
+            if !is_hole {
+                self.learn_spread(passed, celsius);
+            }
             let share = if self.gap > 0.0 { FRESH } else { 1.0 };
-            self.gap += share * (passed - self.gap);
+            // One long hole is not the usual gap of the readings after it.
+            let most = if self.gap > 0.0 {
+                HOLE_D + LONGEST_GAPS * self.gap
+            } else {
+                passed
+            };
+            self.gap += share * (passed.min(most) - self.gap);
         }
         self.last = Some(day);
         self.celsius = celsius;
@@ -144,7 +180,7 @@ impl Filters {
         next: Option<(f64, f64)>,
     ) -> Option<([f64; FILTERS_D.len()], Option<Covariance>)> {
         match next.and_then(|next| self.before(next, day)) {
-            Some(filtered) => Some((filtered, None)),
+            Some(filtered) => Some((filtered, self.lost_cov(day - self.last?))),
             None => Some((self.at(day)?, self.unread_k2(day))),
         }
     }
@@ -185,7 +221,38 @@ impl Filters {
         self.missed_k2_per_d += self.newest * (missed_k2_per_d - self.missed_k2_per_d);
     }
 
-    /// Covariance of the filters' errors at a time by what the temperature did since its last reading \[K^2\]; `None` before one.
+    /// Learns how far the filters are off a reading.
+    fn learn_spread(&mut self, passed_d: f64, celsius: f64) {
+        let share = passed_d / (self.spread_over_d + passed_d);
+        for (spread, filtered) in self.spread_k2.iter_mut().zip(self.filtered) {
+            *spread += share * ((filtered - celsius).powi(2) - *spread);
+        }
+        self.spread_over_d = (self.spread_over_d + passed_d).min(SPREAD_D);
+    }
+
+    /// Variances of the errors by holes after some days more, which may be a hole themselves \[K^2\].
+    fn lost_after(&self, passed_d: f64, is_hole: bool) -> [f64; FILTERS_D.len()] {
+        std::array::from_fn(|at| {
+            if FILTERS_D[at] <= 0.0 {
+                return 0.0;
+            }
+            let kept = libm::exp(-passed_d / FILTERS_D[at]);
+            let gained = if is_hole { self.spread_k2[at] } else { 0.0 };
+            let lost = self.lost_k2[at] * kept.powi(2) + gained * (1.0 - kept).powi(2);
+            if lost > NOTHING_K2 { lost } else { 0.0 }
+        })
+    }
+
+    /// Covariance of the errors by holes some days after the last reading \[K^2\]; `None` if there is none.
+    fn lost_cov(&self, passed_d: f64) -> Option<Covariance> {
+        let sds = self.lost_after(passed_d, false).map(f64::sqrt);
+        let shared = |i: usize, j: usize| if i == j { 1.0 } else { SHARED };
+        let cov = std::array::from_fn(|i| std::array::from_fn(|j| shared(i, j) * sds[i] * sds[j]));
+        sds.iter().any(|sd| *sd > 0.0).then_some(cov)
+    }
+
+    /// Covariance of the filters' errors at a time by what the temperature did since its last reading, and in holes before it \[K^2\];
+    /// `None` before one.
     ///
     /// Where readings are dense it is what the trend misses; air is smooth within a usual gap, where its error grows with the time and not
     /// with the root of it. Where they are sparse, a day of the air's wander is the intensity, and the first four hours are left to the noise
@@ -193,13 +260,18 @@ impl Filters {
     pub fn unread_k2(&self, day: f64) -> Option<Covariance> {
         let passed = (day - self.last?).max(0.0);
         let all = unread::gained(passed);
-        if !self.is_sparse() {
+        let since: Covariance = if self.is_sparse() {
+            let of_dense = unread::gained(passed.min(SPARSE_D));
+            let beyond = |i: usize, j: usize| self.wander_k2 * (all[i][j] - of_dense[i][j]);
+            std::array::from_fn(|i| std::array::from_fn(|j| beyond(i, j)))
+        } else {
             let k2_per_d = self.missed_k2_per_d * (passed / self.gap).min(1.0);
-            return Some(all.map(|row| row.map(|one| k2_per_d * one)));
-        }
-        let of_dense = unread::gained(passed.min(SPARSE_D));
-        let beyond = |i: usize, j: usize| self.wander_k2 * (all[i][j] - of_dense[i][j]);
-        Some(std::array::from_fn(|i| std::array::from_fn(|j| beyond(i, j))))
+            all.map(|row| row.map(|one| k2_per_d * one))
+        };
+        Some(match self.lost_cov(passed) {
+            None => since,
+            Some(lost) => std::array::from_fn(|i| std::array::from_fn(|j| since[i][j] + lost[i][j])),
+        })
     }
 
     /// True if readings are usually too far apart to resolve the day.
@@ -364,6 +436,48 @@ mod tests {
         let found = filters.at(12.0).unwrap();
         assert!(found[..4].iter().all(|&celsius| celsius == 20.0), "{found:?}");
         assert!(found[4..].iter().all(|&celsius| celsius < 15.0), "{found:?}");
+    }
+
+    /// Hourly readings of air with a daily cycle, weather and a season, and holes of two to forty days: what the filters miss after one.
+    #[test]
+    fn holes_leave_open_where_the_filters_are() {
+        let mut generator = random::stream(31, 0);
+        let keep = libm::exp(-1.0 / 72.0_f64);
+        let (mut weather, mut filters, mut whole) = (0.0, Filters::default(), Filters::default());
+        let (mut missed, mut stated) = ([0.0; FILTERS_D.len()], [0.0; FILTERS_D.len()]);
+        let mut looks = 0;
+        for hour in 0..24 * 20_000 {
+            let kick: f64 = StandardNormal.sample(&mut generator);
+            weather = keep * weather + 2.5 * libm::sqrt(1.0 - keep * keep) * kick;
+            let day = f64::from(hour) / 24.0;
+            let phase = |period: f64| libm::sin(std::f64::consts::TAU * day / period);
+            let celsius = weather + 3.0 * phase(1.0) + 7.0 * phase(365.25);
+            whole.push(day, celsius);
+            // A hole each hundred days, none in the first 300; its length goes round.
+            let [number, within] = [hour / 2400, hour % 2400];
+            let hole = [48, 5 * 24 + 7, 12 * 24 + 13, 40 * 24 + 5][number as usize % 4];
+            if number < 3 || within >= hole {
+                filters.push(day, celsius);
+            }
+            if number >= 3 && [0, 6, 24].contains(&(within - hole)) {
+                looks += 1;
+                let (truth, known) = (whole.at(day).unwrap(), filters.at(day).unwrap());
+                let cov = filters.unread_k2(day).unwrap();
+                for at in 0..FILTERS_D.len() {
+                    missed[at] += (truth[at] - known[at]).powi(2);
+                    stated[at] += cov[at][at];
+                }
+            }
+            if number >= 3 && within == hole + 24 {
+                assert!(!filters.is_sparse(), "a hole is not the usual gap");
+            }
+        }
+        for at in 1..FILTERS_D.len() {
+            let ratio = (stated[at] / missed[at]).sqrt();
+            // A straight line through a hole knows the season, which is much of V for the slow ones.
+            assert!((0.7..2.5).contains(&ratio), "{at}: {ratio} of {looks}");
+        }
+        assert!(filters.lost_k2[1] == 0.0 && filters.known(20_000.0, None).is_some());
     }
 
     #[test]

@@ -11,6 +11,7 @@ use super::loss::{Bound, DECIDES_ALONE, Fall, Loss, Shown, judged};
 use super::monitor::is_suspect;
 use super::packed::Packed;
 use super::plan::TrackPlan;
+use super::provisional::Provisionals;
 use super::silence::Doubted;
 use super::tracker::Tracker;
 use super::wording::sized;
@@ -249,8 +250,10 @@ impl Tracker {
         }
         if self.state.early.is_none() {
             let records = self.provisional_records(segment)?;
-            let (baseline, _) = self.plan.learn(&self.state.learning[..records], segment).ok()?;
+            let first = &self.state.learning[..records];
+            let (baseline, shift) = self.provisionals.take(&self.plan, first, segment)?;
             self.state.early = Some(EarlyWatch::new(baseline, mean_temperature(&self.state, records)));
+            self.early_shift = Some(shift);
         }
         let mut early = self.state.early.take()?;
         if self.early_shift.is_none() {
@@ -354,31 +357,34 @@ impl Tracker {
 
     /// Number of records of the provisional baseline: the first five, or those before one of these that shows a certain loss. `None` if
     /// there are too few yet.
-    fn provisional_records(&self, segment: u32) -> Option<usize> {
-        let (learning, limit) = (&self.state.learning, self.plan.alarm.limit_loss);
-        let readings = &self.state.readings;
-        let shows_loss = |before: usize| {
-            let Ok((baseline, _)) = self.plan.learn(&learning[..before], segment) else {
-                return false;
-            };
-            let shift = self.plan.shift(&baseline);
-            let early = EarlyWatch::new(baseline, mean_temperature(&self.state, before));
-            learning[before..].iter().any(|record| {
-                match early.clone().take(&self.plan, &shift, record, readings).0 {
-                    Taken::Within {
-                        fall,
-                        alone,
-                        by_temperature,
-                    } => judged(Loss::from_law(fall.ratio, &alone), by_temperature, limit).0 == Some(true),
-                    Taken::Beyond(bound) => bound.is_some_and(|bound| bound.loss.exceeds(limit)),
-                    Taken::Without => false,
-                }
-            })
-        };
-        let intact = (FEWEST..learning.len().min(RECORDS))
+    fn provisional_records(&mut self, segment: u32) -> Option<usize> {
+        let count = self.state.learning.len();
+        let intact = (FEWEST..count.min(RECORDS))
             .rev()
-            .find(|&before| shows_loss(before));
-        intact.or((learning.len() >= RECORDS).then_some(RECORDS))
+            .find(|&before| self.shows_loss(before, segment));
+        intact.or((count >= RECORDS).then_some(RECORDS))
+    }
+
+    /// True if a record after the first `before` shows a certain loss against the baseline of these.
+    fn shows_loss(&mut self, before: usize, segment: u32) -> bool {
+        let (learning, readings) = (&self.state.learning, &self.state.readings);
+        let limit = self.plan.alarm.limit_loss;
+        let prepared = self.provisionals.of(&self.plan, &learning[..before], segment);
+        let Some((baseline, shift)) = prepared else {
+            return false;
+        };
+        let early = EarlyWatch::new(baseline.clone(), mean_temperature(&self.state, before));
+        learning[before..].iter().any(|record| {
+            match early.clone().take(&self.plan, shift, record, readings).0 {
+                Taken::Within {
+                    fall,
+                    alone,
+                    by_temperature,
+                } => judged(Loss::from_law(fall.ratio, &alone), by_temperature, limit).0 == Some(true),
+                Taken::Beyond(bound) => bound.is_some_and(|bound| bound.loss.exceeds(limit)),
+                Taken::Without => false,
+            }
+        })
     }
 
     /// Number of the first `wanted` records that wait for a baseline which came before a change told of them, two
@@ -409,6 +415,7 @@ impl Tracker {
     /// Drops the early watch: its baseline is there, or could not be learned.
     pub(crate) fn end_early(&mut self) {
         (self.state.early, self.early_shift) = (None, None);
+        self.provisionals = Provisionals::default();
     }
 
     /// Puts the law before a loss, told while learning, into the units of the baseline: the provisional one's `records` have the

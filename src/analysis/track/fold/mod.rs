@@ -7,6 +7,7 @@
 //! * `intake`    intake of one identified record
 //! * `learning`  records that wait for the baseline
 //! * `early`     watch over the records of the future baseline
+//! * `provisional` the baselines of that watch
 //! * `reference` force and relative force at the reference temperature
 //! * `monitor`   closes a period: moves the detectors on, checks conditions
 //! * `change`    alarms of a change that the detectors found
@@ -28,6 +29,7 @@ mod monitor;
 mod neighbour;
 pub mod packed;
 pub mod plan;
+mod provisional;
 mod reference;
 mod scatter;
 mod silence;

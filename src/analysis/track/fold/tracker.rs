@@ -2,6 +2,7 @@
 
 use super::explain::explain;
 use super::plan::TrackPlan;
+use super::provisional::Provisionals;
 use super::state::{Opening, State};
 use super::verdict::{Input, RodState, Verdict};
 use super::{growth, monitor, wording};
@@ -31,6 +32,8 @@ pub struct Tracker {
     pub(crate) shift: Option<Shift>,
     /// The provisional baseline, prepared for records.
     pub(crate) early_shift: Option<Shift>,
+    /// Provisional baselines of fewer records than one is made of.
+    pub(crate) provisionals: Provisionals,
     /// True if the record at hand may be another rod's, by its frequencies.
     pub(super) shows_another: bool,
     /// Alarm events not yet taken.
@@ -52,6 +55,7 @@ impl Tracker {
             state,
             shift: None,
             early_shift: None,
+            provisionals: Provisionals::default(),
             shows_another: false,
             news: Vec::new(),
         }
@@ -70,6 +74,7 @@ impl Tracker {
             state,
             shift,
             early_shift: None,
+            provisionals: Provisionals::default(),
             shows_another: false,
             news: Vec::new(),
         };
@@ -250,6 +255,7 @@ impl Tracker {
         self.state = self.state.next_segment(reason, key, anew_in_time);
         self.shift = None;
         self.early_shift = None;
+        self.provisionals = Provisionals::default();
     }
 
     /// Lets `act` write on the board of alarms.

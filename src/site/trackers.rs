@@ -1,12 +1,12 @@
 //! One site: the trackers of its rods, folded in the order records come, and the store they commit to.
 
 mod open;
+mod picture;
 mod view;
 
 pub use open::others_in;
 
 use crate::analysis::outcome::Outcome;
-use crate::analysis::record_view::Snapshot;
 use crate::analysis::signal::record::{Reading, RodId, Timestamp, is_one_motion};
 use crate::analysis::track::{AlarmEvent, RodState, State, Tracker, Verdict};
 use crate::site::analyse::Analysed;
@@ -52,16 +52,6 @@ impl Taken {
     pub fn outcome<'a>(&'a self, given: &'a Outcome) -> &'a Outcome {
         self.late.as_ref().unwrap_or(given)
     }
-}
-
-/// Interval between snapshots of records \[s\].
-const PICTURE_S: i64 = 600;
-
-/// True if a record is the first of its stretch of [`PICTURE_S`], or the clock went back: by event time
-/// alone, so that a replay keeps the same snapshots.
-fn keeps_snapshot(before: Option<Timestamp>, start: Timestamp) -> bool {
-    let stretch = |time: Timestamp| time.as_nanos().div_euclid(PICTURE_S * 1_000_000_000);
-    before.is_none_or(|before| stretch(start) != stretch(before))
 }
 
 /// State of a daemon besides records.
@@ -168,30 +158,7 @@ impl Site {
         let Some(tracker) = self.trackers.get(rod) else {
             return Ok(None);
         };
-        // Only of the latest record in use: a snapshot with a wrong clock would stay for years.
-        let snapshot = match outcome {
-            Outcome::Identified(identification) => identification
-                .measurement
-                .as_ref()
-                .map(|measurement| measurement.start)
-                .filter(|start| tracker.state().latest == Some(*start) && before != Some(*start))
-                .filter(|start| tracker.state().periods.is_empty() || keeps_snapshot(before, *start))
-                .and_then(|_| Snapshot::of(tracker.plan().prior(), identification)),
-            Outcome::Tabulated(_) => None,
-            // The snapshot of a refused record shows the reason. It is kept as rarely, and never replaces that of a used record.
-            Outcome::Rejected(rejected) => {
-                let before = self.store.refused_picture(rod)?;
-                let has_period = !tracker.state().periods.is_empty();
-                rejected
-                    .start
-                    .filter(|start| !has_period || keeps_snapshot(before, *start))
-                    .and_then(|_| Snapshot::of_rejected(rejected))
-            }
-        };
-        let snapshot = match &self.pictures {
-            None => snapshot,
-            Some(pictures) => snapshot.and_then(|snapshot| pictures.complete(rod, snapshot)),
-        };
+        let snapshot = self.picture(tracker, outcome, before)?;
         let row = RecordRow::of(outcome, Some(&verdict), &self.config_hash);
         let found = Found::of(outcome);
         self.store.commit(&Commit {

@@ -119,7 +119,8 @@ impl Store {
         })
     }
 
-    /// A store in memory for one run: of the states, which nobody resumes from, it keeps the segments alone.
+    /// A store in memory for one run: of the states, which nobody resumes from, it keeps the segments alone, and no view of a record is
+    /// asked of it.
     ///
     /// # Errors
     /// There is no memory for it.
@@ -148,6 +149,11 @@ impl Store {
             is_grouping: false,
             lock: None,
         })
+    }
+
+    /// True if it is [`Store::transient`].
+    pub(crate) fn is_transient(&self) -> bool {
+        !self.kept.is_resumable()
     }
 
     /// Closes the store and keeps its lock, until the lock is dropped to open it again.

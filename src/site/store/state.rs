@@ -70,6 +70,11 @@ impl Kept {
         }
     }
 
+    /// False for a store that nobody can resume from.
+    pub(super) fn is_resumable(&self) -> bool {
+        self.is_resumable
+    }
+
     /// Forgets the state in the store: the next write of this rod writes everything.
     pub(super) fn distrust(&mut self, rod: &RodId) {
         self.states.remove(rod);

@@ -12,6 +12,7 @@
 //! patterns of a fixed grid, each refined by Levenberg's method on exact frequencies.
 
 use super::pattern::{LINES, Point, TENSIONS, at, grid, grid_tension, pattern};
+use crate::numerics::simd::{Kernel, vectorised};
 use crate::rod::beam::forward::MAX_MODES;
 use serde::Serialize;
 use std::fmt;
@@ -213,13 +214,15 @@ impl Data<'_> {
     /// Starting points of the refinements: the best place of each of the best lines, no two of them
     /// neighbours.
     fn starts(&self) -> Vec<Point> {
-        let mut ranked: Vec<(f64, usize, Point)> = LINES
-            .iter()
+        let mut nearest = vec![(f64::INFINITY, 0.0); LINES.len()];
+        vectorised(AlongLines {
+            data: self,
+            nearest: &mut nearest,
+        });
+        let mut ranked: Vec<(f64, usize, Point)> = nearest
+            .into_iter()
             .enumerate()
-            .map(|(i, &fixities)| {
-                let (squared, position) = self.along(i);
-                (squared, i, at(fixities, grid_tension(position)))
-            })
+            .map(|(i, (squared, position))| (squared, i, at(LINES[i], grid_tension(position))))
             .collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut chosen: Vec<usize> = Vec::new();
@@ -238,6 +241,7 @@ impl Data<'_> {
 
     /// Smallest squared distance to the chords between a line's neighbouring patterns, and its
     /// position on the line. On a chord c (a + t (b - a)) the best c and c t follow linearly.
+    #[inline(always)]
     fn along(&self, line: usize) -> (f64, f64) {
         let [mut aa, mut ad, mut dd, mut fa, mut fd] = [[0.0; TENSIONS - 1]; 5];
         let mut ff = 0.0;
@@ -254,7 +258,7 @@ impl Data<'_> {
                 fd[i] += f * d;
             }
         }
-        let mut best = (f64::INFINITY, 0.0);
+        let (mut squared, mut shares) = ([0.0; TENSIONS - 1], [0.0; TENSIONS - 1]);
         for i in 0..TENSIONS - 1 {
             let free = (fd[i] * aa[i] - fa[i] * ad[i]) / (fa[i] * dd[i] - fd[i] * ad[i]);
             let t = if free.is_finite() {
@@ -263,9 +267,12 @@ impl Data<'_> {
                 0.0
             };
             let (fg, gg) = (fa[i] + t * fd[i], aa[i] + 2.0 * t * ad[i] + t * t * dd[i]);
-            let squared = ff - fg * fg / gg;
+            (squared[i], shares[i]) = (ff - fg * fg / gg, t);
+        }
+        let mut best = (f64::INFINITY, 0.0);
+        for (i, (squared, share)) in squared.into_iter().zip(shares).enumerate() {
             if squared < best.0 {
-                best = (squared, i as f64 + t);
+                best = (squared, i as f64 + share);
             }
         }
         best
@@ -274,6 +281,21 @@ impl Data<'_> {
     /// The fit at a point, sooner with the wavenumbers of one close to it.
     fn at(&self, point: Point, near: &[f64; MAX_MODES]) -> Fit {
         self.fit(pattern(self.orders.iter().map(|order| order - 1), point, near))
+    }
+}
+
+/// [`Data::along`] of every line.
+struct AlongLines<'a> {
+    data: &'a Data<'a>,
+    nearest: &'a mut [(f64, f64)],
+}
+
+impl Kernel for AlongLines<'_> {
+    #[inline(always)]
+    fn run(self) {
+        for (line, nearest) in self.nearest.iter_mut().enumerate() {
+            *nearest = self.data.along(line);
+        }
     }
 }
 

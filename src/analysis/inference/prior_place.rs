@@ -2,6 +2,7 @@
 
 use super::distance::Target;
 use super::table::{NoiseTable, PLACED, Table};
+use crate::numerics::extremes::extremes;
 use crate::numerics::random::BLOCK;
 use crate::rod::beam::forward::MAX_MODES;
 use nalgebra::SMatrix;
@@ -26,35 +27,23 @@ const BEYOND: f64 = 2.0;
 /// frequencies: a prior of the force over decades has no other scale. In the middle if the draws have no
 /// spread.
 pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) -> Place {
-    let width = target.terms().len();
-    let columns = simulated(target, table, noise);
+    let mut columns = simulated(target, table, noise);
     let draws = columns.first().map_or(0, Vec::len);
-    let count = draws.max(1) as f64;
+    let (mean, covariance) = match columns.len() {
+        1 => centred::<1>(&mut columns),
+        2 => centred::<2>(&mut columns),
+        3 => centred::<3>(&mut columns),
+        4 => centred::<4>(&mut columns),
+        _ => centred::<MAX_MODES>(&mut columns),
+    };
     let observed = target
         .terms()
         .iter()
         .map(|term| libm::log(f64::from(term.observed)));
-    let (mut mean, mut off) = ([0.0; MAX_MODES], [0.0; MAX_MODES]);
-    for (i, (column, observed)) in columns.iter().zip(observed).enumerate() {
-        mean[i] = column.iter().sum::<f64>() / count;
-        off[i] = observed - mean[i];
-    }
-    let centred: Vec<Vec<f64>> = columns
-        .iter()
+    let off: Vec<f64> = observed
         .zip(mean)
-        .map(|(column, mean)| column.iter().map(|value| value - mean).collect())
+        .map(|(observed, mean)| observed - mean)
         .collect();
-    let mut covariance = SMatrix::<f64, MAX_MODES, MAX_MODES>::identity();
-    for i in 0..width {
-        for j in 0..=i {
-            let products = centred[i].iter().zip(&centred[j]).map(|(a, b)| a * b);
-            // The same bits, without a division for each.
-            covariance[(i, j)] = match draws.is_power_of_two() {
-                true => products.map(|product| product * (1.0 / count)).sum(),
-                false => products.map(|product| product / count).sum(),
-            };
-        }
-    }
     // Its lower triangle is all that is read.
     let Some(root) = covariance.cholesky().map(|cholesky| cholesky.l()) else {
         return Place {
@@ -63,26 +52,80 @@ pub(super) fn prior_place(target: &Target, table: &Table, noise: &NoiseTable) ->
             is_outside: false,
         };
     };
-    let limit = distances_squared(&off.map(|off| vec![off])[..width], &root)[0];
-    let further = distances_squared(&centred, &root)
+    let own: Vec<Vec<f64>> = off.iter().map(|off| vec![*off]).collect();
+    let limit = distances_squared(&own, &root)[0];
+    let further = distances_squared(&columns, &root)
         .iter()
         .filter(|&&squared| squared >= limit)
         .count();
     let (mut distance, mut is_outside) = (f64::INFINITY, true);
-    for (column, off) in centred.iter().zip(off) {
-        let mut outward: Vec<f64> = column.iter().map(|value| value.copysign(off * value)).collect();
-        // The covariance has a root: there are draws.
-        let at = 99 * (outward.len() - 1) / 100;
-        let (_, &mut nearly, beyond) = outward.select_nth_unstable_by(at, f64::total_cmp);
-        let farthest = beyond.iter().copied().fold(nearly, f64::max);
+    for (column, off) in columns.iter().zip(off) {
+        let side = 1f64.copysign(off);
+        let (low, high) = extremes(column);
+        let farthest = if side > 0.0 { high } else { -low };
         distance = distance.min(off.abs() / farthest);
-        is_outside &= off.abs() > farthest + BEYOND * (farthest - nearly);
+        is_outside = is_outside && off.abs() > farthest && {
+            let mut outward: Vec<f64> = column.iter().map(|value| side * value).collect();
+            // The covariance has a root: there are draws.
+            let at = 99 * (outward.len() - 1) / 100;
+            let nearly = *outward.select_nth_unstable_by(at, f64::total_cmp).1;
+            off.abs() > farthest + BEYOND * (farthest - nearly)
+        };
     }
     Place {
         tail: (further + 1) as f64 / (draws + 1) as f64,
         distance,
         is_outside,
     }
+}
+
+/// Centres `N` columns about their means; returns these, and the covariances in the lower triangle of a unit matrix. The sums run side by
+/// side, each in the order of the draws.
+fn centred<const N: usize>(
+    columns: &mut [Vec<f64>],
+) -> ([f64; MAX_MODES], SMatrix<f64, MAX_MODES, MAX_MODES>) {
+    let draws = columns.first().map_or(0, Vec::len);
+    let count = draws.max(1) as f64;
+    let mut mean = [0.0; MAX_MODES];
+    for row in rows::<N>(columns) {
+        mean.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
+    }
+    mean = mean.map(|sum| sum / count);
+    for (column, mean) in columns.iter_mut().zip(mean) {
+        column.iter_mut().for_each(|value| *value -= mean);
+    }
+    // The same bits, without a division for each.
+    let products = match draws.is_power_of_two() {
+        true => products::<N>(columns, |product| product * (1.0 / count)),
+        false => products::<N>(columns, |product| product / count),
+    };
+    let mut covariance = SMatrix::identity();
+    for (i, row) in products.iter().enumerate() {
+        for (j, product) in row[..=i].iter().enumerate() {
+            covariance[(i, j)] = *product;
+        }
+    }
+    (mean, covariance)
+}
+
+/// Sums over the draws of a share of the product of every two columns, in the lower triangle.
+fn products<const N: usize>(columns: &[Vec<f64>], share: impl Fn(f64) -> f64) -> [[f64; N]; N] {
+    let mut sums = [[0.0; N]; N];
+    for row in rows::<N>(columns) {
+        for (i, sums) in sums.iter_mut().enumerate() {
+            for (sum, other) in sums[..=i].iter_mut().zip(row) {
+                *sum += share(row[i] * other);
+            }
+        }
+    }
+    sums
+}
+
+/// Values of one draw after another.
+fn rows<const N: usize>(columns: &[Vec<f64>]) -> impl Iterator<Item = [f64; N]> {
+    let draws = columns.first().map_or(0, Vec::len);
+    let columns: [&[f64]; N] = std::array::from_fn(|i| &columns[i][..draws]);
+    (0..draws).map(move |draw| columns.map(|column| column[draw]))
 }
 
 /// Logarithms of the simulated frequencies, one column per observed mode, of the draws that have an answer in all of them.

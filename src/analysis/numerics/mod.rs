@@ -2,6 +2,7 @@
 //!
 //! * [`random`]      seeds and counter-based streams
 //! * `exp`           e^x and ln(1 + x) of many numbers at once
+//! * `extremes`    least and largest of many numbers
 //! * `simd`          inner loops on the widest vectors a processor has
 //! * [`orthogonal`]  orthogonal polynomials and their quadratures
 //! * [`optimum`]     minima of smooth functions
@@ -11,6 +12,7 @@
 
 pub mod diagnostics;
 pub(crate) mod exp;
+pub(crate) mod extremes;
 pub(crate) mod json_number;
 pub mod optimum;
 pub mod orthogonal;

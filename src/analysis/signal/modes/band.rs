@@ -5,6 +5,7 @@ use crate::signal::spectrum::welch::transform;
 use crate::signal::spectrum::window::line;
 use crate::signal::spectrum::{Transforms, fast_length};
 use rustfft::num_complex::Complex;
+use std::ops::Range;
 
 /// The Fourier coefficients `J_k = dt / sqrt(T) sum_t x_t e^(-2 pi i k t / n)` of a record less its
 /// straight line, without taper: `|J_k|^2` is the two-sided raw periodogram \[unit^2/Hz\].
@@ -48,10 +49,7 @@ impl Coefficients {
     /// the response does not change across the cell, so that the cost stops growing with the length
     /// of the record.
     pub fn band(&self, low_hz: f64, high_hz: f64, masks: &[Mask], width_hz: impl Fn(f64) -> f64) -> Band {
-        let n = self.lines.len();
-        // Neither 0 Hz nor the Nyquist line: their coefficients are real.
-        let first = (low_hz * self.duration_s).ceil().max(1.0) as usize;
-        let end = ((high_hz * self.duration_s).floor().max(0.0) as usize + 1).min(n.saturating_sub(1));
+        let Range { start: first, end } = self.range(low_hz, high_hz);
         let mut band = Band {
             duration_s: self.duration_s,
             middle_hz: 0.5 * (low_hz + high_hz),
@@ -65,7 +63,7 @@ impl Coefficients {
             let mut cell = Cell::default();
             for (line, value) in self.lines.iter().enumerate().take(end.min(k + most)).skip(k) {
                 let f = line as f64 / self.duration_s;
-                if masks.iter().any(|mask| mask.contains(f)) {
+                if is_masked(masks, f) {
                     continue;
                 }
                 cell.lines += 1.0;
@@ -86,6 +84,23 @@ impl Coefficients {
         }
         band
     }
+
+    /// Number of lines that [`Coefficients::band`] takes, whatever the width of its cells.
+    pub fn count(&self, low_hz: f64, high_hz: f64, masks: &[Mask]) -> usize {
+        let is_taken = |line: &usize| !is_masked(masks, *line as f64 / self.duration_s);
+        self.range(low_hz, high_hz).filter(is_taken).count()
+    }
+
+    /// Lines between two frequencies, but neither 0 Hz nor the Nyquist line: their coefficients are real.
+    fn range(&self, low_hz: f64, high_hz: f64) -> Range<usize> {
+        let first = (low_hz * self.duration_s).ceil().max(1.0) as usize;
+        let end = (high_hz * self.duration_s).floor().max(0.0) as usize + 1;
+        first..end.min(self.lines.len().saturating_sub(1))
+    }
+}
+
+fn is_masked(masks: &[Mask], f: f64) -> bool {
+    masks.iter().any(|mask| mask.contains(f))
 }
 
 /// One or several neighbouring Fourier coefficients.
@@ -288,6 +303,13 @@ mod tests {
         let direct = coefficients.band(2.0, 18.0, &[], wide);
         assert_eq!(merged.cells().count(), 160 + 54);
         assert_eq!((merged.lines, merged.largest), (fine.lines, fine.largest));
+        assert_eq!(coefficients.count(2.0, 18.0, &[]) as f64, fine.lines);
+        let masks = [Mask {
+            low_hz: 5.0,
+            high_hz: 9.0,
+        }];
+        let masked = coefficients.band(2.0, 18.0, &masks, wide);
+        assert_eq!(coefficients.count(2.0, 18.0, &masks) as f64, masked.lines);
         for (a, b) in merged.cells().zip(direct.cells()) {
             assert_eq!((a.lines, a.re, a.power), (b.lines, b.re, b.power));
         }

@@ -93,8 +93,7 @@ impl Stretch<'_> {
             return false;
         }
         let limits = self.limits(peak_hz, others);
-        let half = (HALF_WIDTHS * FIRST_DAMPING * peak_hz).max(LEAST_LINES / self.coefficients.duration_s);
-        let (low, high) = ((peak_hz - half).max(limits.0), (peak_hz + half).min(limits.1));
+        let (low, high) = self.span(peak_hz, HALF_WIDTHS * FIRST_DAMPING * peak_hz, limits);
         if self.masks.iter().any(|m| m.low_hz < high && m.high_hz > low) {
             return false;
         }
@@ -143,6 +142,12 @@ impl Stretch<'_> {
         self.maximum(aim, Start::Free, others, Some(value.noise))
     }
 
+    /// Ends of the band around `centre` \[Hz\], `half` to either side if that is enough lines, and within the limits.
+    fn span(&self, centre: f64, half: f64, limits: (f64, f64)) -> (f64, f64) {
+        let half = half.max(LEAST_LINES / self.coefficients.duration_s);
+        ((centre - half).max(limits.0), (centre + half).min(limits.1))
+    }
+
     /// The band around `centre`; `core` is the half width within which it must stay fine.
     fn band(
         &self,
@@ -151,8 +156,7 @@ impl Stretch<'_> {
         others: &[Fit],
         (level, start): (Option<f64>, Start),
     ) -> Band {
-        let half = half.max(LEAST_LINES / self.coefficients.duration_s);
-        let (low, high) = ((centre - half).max(limits.0), (centre + half).min(limits.1));
+        let (low, high) = self.span(centre, half, limits);
         // A pull is far above the noise: the detail that a cell smooths would look like noise.
         let decays = start == Start::Free || others.iter().any(|other| other.start == Start::Free);
         let width = |f: f64| match decays {
@@ -166,6 +170,13 @@ impl Stretch<'_> {
             subtract(&mut band, other, level);
         }
         band
+    }
+
+    /// Number of lines of the band around `centre`.
+    fn lines(&self, centre: f64, half: f64, limits: (f64, f64)) -> f64 {
+        let (low, high) = self.span(centre, half, limits);
+        let left_out: Vec<Mask> = self.left_out().collect();
+        self.coefficients.count(low, high, &left_out) as f64
     }
 
     /// Maximum of the likelihood at a peak; `before` and `level` are the parameters and the noise floor of an
@@ -194,9 +205,8 @@ impl Stretch<'_> {
             let p = Parameters::from_array(top.at, start.softening);
             let gamma = p.log_damping.exp() * p.frequency_hz;
             let wanted = HALF_WIDTHS * gamma;
-            let next = self.band((p.frequency_hz, wanted, gamma), limits, others, (level, start_of));
-            let ratio = next.lines / band.lines.max(1.0);
-            if last || (0.45..1.6).contains(&ratio) {
+            let ratio = || self.lines(p.frequency_hz, wanted, limits) / band.lines.max(1.0);
+            if last || (0.45..1.6).contains(&ratio()) {
                 let found = Found {
                     band,
                     top,
@@ -215,7 +225,8 @@ impl Stretch<'_> {
                     }
                 });
             }
-            (half, band, start) = (wanted, next, p);
+            band = self.band((p.frequency_hz, wanted, gamma), limits, others, (level, start_of));
+            (half, start) = (wanted, p);
         }
         None
     }

@@ -11,6 +11,7 @@ pub use train::train;
 
 use super::subband::{Pole, Subband};
 use crate::signal::record::slope::Slope;
+use std::ops::Range;
 
 /// Half width of the smoothed slope, in periods of the strongest peak.
 const HALF: f64 = 0.12;
@@ -44,7 +45,7 @@ pub struct Release {
 pub fn releases(samples: &[f64], fs_hz: f64, scale_hz: f64) -> Vec<Release> {
     let count = |periods: f64| (periods * fs_hz / scale_hz).round().max(1.0) as usize;
     let half = count(HALF);
-    let after = count(AFTER).max(4 * half);
+    let (before, after) = (count(BEFORE), count(AFTER).max(4 * half));
     let least = count(BEFORE_LEAST).max(2 * half);
     let total = samples.len();
     if total < 2 * half + least + 2 * after {
@@ -59,18 +60,22 @@ pub fn releases(samples: &[f64], fs_hz: f64, scale_hz: f64) -> Vec<Release> {
     let mut best: Option<(f64, usize)> = None;
     let last = total - half - 2 * after;
     for at in (half + least..last).step_by(half.div_ceil(2)) {
-        let quiet = mean(at.saturating_sub(count(BEFORE)).max(half), at).max(floor);
+        let quiet = mean(at.saturating_sub(before).max(half), at).max(floor);
         let level = mean(at, at + after);
-        let goes_on = mean(at + after, at + 2 * after);
         let ratio = level / quiet;
-        let swings = || {
-            let later = &slope.values()[at + after..at + 2 * after];
-            let drift = later.iter().sum::<f64>() / after as f64;
-            drift * drift < STEADY * goes_on
+        let is_onset = || {
+            let goes_on = mean(at + after, at + 2 * after);
+            let swings = || {
+                let later = &slope.values()[at + after..at + 2 * after];
+                let drift = later.iter().sum::<f64>() / after as f64;
+                drift * drift < STEADY * goes_on
+            };
+            let before = (at - half).min(before) as f64 / period;
+            let limit = RATIO * (SURE_BEFORE / before).max(1.0).powi(2);
+            ratio > limit && goes_on > PERSISTS * level && goes_on > 4.0 * quiet && swings()
         };
-        let before = (at - half).min(count(BEFORE)) as f64 / period;
-        let limit = RATIO * (SURE_BEFORE / before).max(1.0).powi(2);
-        if ratio > limit && goes_on > PERSISTS * level && goes_on > 4.0 * quiet && swings() {
+        // No limit is lower: most instants are done with here.
+        if ratio > RATIO && is_onset() {
             if best.is_none_or(|(highest, _)| ratio > highest) {
                 best = Some((ratio, at));
             }
@@ -146,13 +151,13 @@ pub struct Blow {
 
 /// Blows in the innovations of all modes, at least `apart_s` seconds apart.
 pub fn blows(series: &[(Subband, Pole)], apart_s: f64) -> Vec<Blow> {
-    let ratios: Vec<(f64, Vec<f64>)> = series
+    let all: Vec<Innovations> = series
         .iter()
-        .map(|(series, pole)| (series.rate_hz, innovation_ratios(series, *pole)))
+        .map(|(series, pole)| Innovations::of(series, *pole))
         .collect();
-    let Some((finest, instants)) = ratios
+    let Some((finest, instants)) = all
         .iter()
-        .map(|(rate, ratios)| (*rate, ratios.len()))
+        .map(|one| (one.rate_hz, one.powers.len()))
         .max_by(|a, b| a.0.total_cmp(&b.0))
     else {
         return Vec::new();
@@ -160,18 +165,13 @@ pub fn blows(series: &[(Subband, Pole)], apart_s: f64) -> Vec<Blow> {
     let mut found: Vec<Blow> = (1..instants)
         .filter_map(|m| {
             let at = m as f64 / finest;
-            let sum: f64 = ratios
-                .iter()
-                .map(|(rate, ratios)| {
-                    let reach = 0.5 / rate + 0.25 / finest;
-                    let first = ((at - reach) * rate).ceil().max(0.0) as usize;
-                    let end = (((at + reach) * rate).floor() as usize + 1).min(ratios.len());
-                    ratios[first.min(end)..end]
-                        .iter()
-                        .fold(0.0, |a: f64, &b| a.max(b))
-                })
-                .sum();
-            let ratio = sum / ratios.len() as f64;
+            let near = |one: &Innovations| one.near(at, 0.25 / finest);
+            // A mean is above the limit only where a ratio is.
+            if !all.iter().any(|one| near(one).any(|i| one.stands_out(i))) {
+                return None;
+            }
+            let highest = |one: &Innovations| near(one).map(|i| one.ratio(i)).fold(0.0, f64::max);
+            let ratio = all.iter().map(highest).sum::<f64>() / all.len() as f64;
             (ratio > BLOW).then_some(Blow {
                 before_s: at - 1.25 / finest,
                 after_s: at + 0.5 / finest,
@@ -193,31 +193,63 @@ pub fn blows(series: &[(Subband, Pole)], apart_s: f64) -> Vec<Blow> {
     kept
 }
 
-/// Power of each innovation over the median of its neighbours; 0 at both ends, which hold what is smooth
-/// across the band.
-fn innovation_ratios(series: &Subband, pole: Pole) -> Vec<f64> {
-    let factor = series.factor(pole);
-    let mut powers = vec![0.0; series.samples.len()];
-    for (m, pair) in series.samples.windows(2).enumerate() {
-        powers[m + 1] = (pair[1] - factor * pair[0]).norm_sqr();
+/// Factor beyond rounding.
+const SURELY: f64 = 1.001;
+
+/// Powers of the innovations of one mode.
+struct Innovations {
+    rate_hz: f64,
+    powers: Vec<f64>,
+}
+
+impl Innovations {
+    fn of(series: &Subband, pole: Pole) -> Self {
+        let factor = series.factor(pole);
+        let mut powers = vec![0.0; series.samples.len()];
+        for (m, pair) in series.samples.windows(2).enumerate() {
+            powers[m + 1] = (pair[1] - factor * pair[0]).norm_sqr();
+        }
+        Self {
+            rate_hz: series.rate_hz,
+            powers,
+        }
     }
-    let mut around = Vec::with_capacity(2 * (FARTHEST - NEAREST + 1));
-    (0..powers.len())
-        .map(|m| {
-            if m < ENDS || m + ENDS > powers.len() {
-                return 0.0;
-            }
-            around.clear();
-            for l in NEAREST..=FARTHEST {
-                around.extend(m.checked_sub(l).filter(|&i| i >= ENDS).map(|i| powers[i]));
-                around.extend(powers.get(m + l).filter(|_| m + l + ENDS <= powers.len()));
-            }
-            let middle = around.len() / 2;
-            if around.len() < FARTHEST - NEAREST {
-                return 0.0;
-            }
-            let (_, median, _) = around.select_nth_unstable_by(middle, f64::total_cmp);
-            powers[m] * MEDIAN / median.max(f64::MIN_POSITIVE)
-        })
-        .collect()
+
+    /// Those about an instant \[s\], half an interval and `slack_s` to either side.
+    fn near(&self, at: f64, slack_s: f64) -> Range<usize> {
+        let reach = 0.5 / self.rate_hz + slack_s;
+        let first = ((at - reach) * self.rate_hz).ceil().max(0.0) as usize;
+        let end = (((at + reach) * self.rate_hz).floor() as usize + 1).min(self.powers.len());
+        first.min(end)..end
+    }
+
+    /// Neighbours of one, before and after it; none at both ends, which hold what is smooth across the band.
+    fn around(&self, m: usize) -> [&[f64]; 2] {
+        let end = (self.powers.len() + 1).saturating_sub(ENDS);
+        if !(ENDS..end).contains(&m) {
+            return [&[]; 2];
+        }
+        let before = m.saturating_sub(FARTHEST).max(ENDS)..(m + 1 - NEAREST).max(ENDS);
+        let after = (m + NEAREST).min(end)..(m + FARTHEST + 1).min(end);
+        [&self.powers[before], &self.powers[after]]
+    }
+
+    /// False for one whose ratio surely does not exceed [`BLOW`]: fewer neighbours than a median needs are so far below it.
+    fn stands_out(&self, m: usize) -> bool {
+        let limit = self.powers[m] * (SURELY * MEDIAN / BLOW);
+        let around = self.around(m);
+        let below = |side: &[f64]| side.iter().filter(|power| **power < limit).count();
+        around.map(below).iter().sum::<usize>() > around.map(<[f64]>::len).iter().sum::<usize>() / 2
+    }
+
+    /// Power of one over the median of its neighbours; 0 without enough of them.
+    fn ratio(&self, m: usize) -> f64 {
+        let mut around = self.around(m).concat();
+        let middle = around.len() / 2;
+        if around.len() < FARTHEST - NEAREST {
+            return 0.0;
+        }
+        let (_, median, _) = around.select_nth_unstable_by(middle, f64::total_cmp);
+        self.powers[m] * MEDIAN / median.max(f64::MIN_POSITIVE)
+    }
 }

@@ -7,7 +7,7 @@
 use super::clock::median;
 use super::error_code::{self, ErrorCode};
 use super::hold;
-use super::steps::{level_change, step};
+use super::steps::{level_change, mean, step};
 use super::{Flag, RecordSettings, Rejection};
 use std::ops::Range;
 
@@ -167,13 +167,14 @@ pub(super) fn check_struck(
             samples: spikes.samples,
         });
     }
-    if let Some((height, at)) = step(&samples, fs_hz, range.step) {
+    let middle = mean(&samples);
+    if let Some((height, at)) = step(&samples, middle, fs_hz, range.step) {
         return Err(Rejection::Step {
             height,
             time_s: at as f64 / fs_hz,
         });
     }
-    if let Some((ratio, at)) = level_change(&samples, fs_hz, range.step) {
+    if let Some((ratio, at)) = level_change(&samples, middle, fs_hz, range.step) {
         return Err(Rejection::Level {
             ratio,
             time_s: at as f64 / fs_hz,

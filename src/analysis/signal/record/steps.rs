@@ -62,7 +62,7 @@ impl Blocks {
     }
 }
 
-fn mean(samples: &[f64]) -> f64 {
+pub(super) fn mean(samples: &[f64]) -> f64 {
     samples.iter().sum::<f64>() / samples.len().max(1) as f64
 }
 
@@ -72,14 +72,13 @@ const WINDOW: usize = 16;
 const COARSE: f64 = 15.0;
 
 /// The largest abrupt change of the mean, if it is larger than the vibration around it and neither a release nor a pull
-/// that ends in one: height and place.
+/// that ends in one: height and place. `middle` is the mean of all samples.
 ///
 /// Means over a second on either side are compared with the scatter about them; a straight ramp reaches
 /// 3.5 of these, a slow oscillation 4.2, so that drift and sway are no steps.
-pub(super) fn step(samples: &[f64], fs_hz: f64, resolution: f64) -> Option<(f64, usize)> {
+pub(super) fn step(samples: &[f64], middle: f64, fs_hz: f64, resolution: f64) -> Option<(f64, usize)> {
     let size = ((fs_hz / WINDOW as f64).round() as usize).max(1);
     let window = WINDOW * size;
-    let middle = mean(samples);
     let blocks = Blocks::of(samples, size, middle);
     if blocks.len() < 3 * WINDOW {
         return None;
@@ -191,13 +190,18 @@ fn is_pull(samples: &[f64], fs_hz: f64, height: f64, at: usize) -> bool {
     false
 }
 
-/// A jump of the vibration level, and of the noise with it, that stays: ratio and place.
+/// A jump of the vibration level, and of the noise with it, that stays: ratio and place. `middle` is the mean of all samples.
 ///
 /// A free decay rises at once and falls slowly; a level that falls at once, or rises at once and then does
 /// not fall, is examined closely.
-pub(super) fn level_change(samples: &[f64], fs_hz: f64, resolution: f64) -> Option<(f64, usize)> {
+pub(super) fn level_change(
+    samples: &[f64],
+    middle: f64,
+    fs_hz: f64,
+    resolution: f64,
+) -> Option<(f64, usize)> {
     let window = (fs_hz.round() as usize).max(16);
-    let sums = Blocks::of(samples, window, mean(samples));
+    let sums = Blocks::of(samples, window, middle);
     let blocks = sums.len();
     if blocks < 8 {
         return None;

@@ -10,7 +10,7 @@ pub use welch::{Spectrum, Transforms, Welch, WelchError, fast_length};
 use serde::Serialize;
 
 /// A taper applied to each segment before its transform.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Window {
     /// Raised cosine.

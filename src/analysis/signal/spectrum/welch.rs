@@ -4,9 +4,9 @@ use super::{Window, window};
 use realfft::{RealFftPlanner, RealToComplex};
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
-use std::sync::{Arc, LazyLock, Mutex, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 use thiserror::Error;
 
 /// Reason why a spectrum cannot be planned or estimated.
@@ -36,24 +36,33 @@ pub enum WelchError {
     },
 }
 
-/// Most samples of the lengths with a plan kept; a plan takes about 16 bytes a sample.
+/// Most samples of the lengths with a plan or a window kept; a plan takes about 16 bytes a sample.
 const KEPT: usize = 1 << 20;
 
-/// Transform plans by length, shared by all rods and records: planning takes longer than a transform.
+/// Transform plans and windows by length, shared by all rods and records: each takes longer to make than a transform to run.
 ///
-/// Plans beyond the latest few are made anew, so a thousand lengths of records take no more memory than a few.
+/// Those beyond the latest few are made anew, so a thousand lengths of records take no more memory than a few.
 ///
 /// The scalar and SSE code paths of the transform use no fused multiply-add, so that a spectrum has
 /// the same bits on every x86-64 machine; the faster AVX path would not.
 #[derive(Clone)]
 pub struct Transforms(Arc<Mutex<Planners>>);
 
-/// Planners, which keep every plan they made.
+/// Planners, which keep every plan they made, and windows.
 struct Planners {
     real: RealFftPlanner<f64>,
     complex: FftPlanner<f64>,
-    /// Lengths with a plan, real ones true.
-    lengths: BTreeSet<(usize, bool)>,
+    windows: BTreeMap<(Window, usize), Arc<[f64]>>,
+    /// Lengths of all that is kept.
+    lengths: BTreeSet<(usize, Kept)>,
+}
+
+/// What is kept of a length.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Kept {
+    Real,
+    Complex,
+    Window(Window),
 }
 
 static SHARED: LazyLock<Transforms> = LazyLock::new(|| Transforms(Arc::default()));
@@ -69,18 +78,19 @@ impl Default for Planners {
         Self {
             real: RealFftPlanner::new(),
             complex: FftPlanner::new(),
+            windows: BTreeMap::new(),
             lengths: BTreeSet::new(),
         }
     }
 }
 
 impl Planners {
-    /// Makes room for the plan of a length: what is in use lives on in its users.
-    fn make_room(&mut self, length: (usize, bool)) {
-        self.lengths.insert(length);
+    /// Makes room for a plan or window of a length: what is in use lives on in its users.
+    fn make_room(&mut self, length: usize, kept: Kept) {
+        self.lengths.insert((length, kept));
         if self.lengths.iter().map(|(n, _)| n).sum::<usize>() > KEPT {
             *self = Self::default();
-            self.lengths.insert(length);
+            self.lengths.insert((length, kept));
         }
     }
 }
@@ -91,18 +101,33 @@ impl Transforms {
         if n > KEPT {
             return RealFftPlanner::new().plan_fft_forward(n);
         }
-        let mut planners = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        planners.make_room((n, true));
+        let mut planners = self.planners();
+        planners.make_room(n, Kept::Real);
         planners.real.plan_fft_forward(n)
     }
 
     /// The inverse complex transform of `values`, in place, without a factor.
     pub(crate) fn back(&self, values: &mut [Complex<f64>]) {
-        let mut planners = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        planners.make_room((values.len(), false));
+        let mut planners = self.planners();
+        planners.make_room(values.len(), Kept::Complex);
         let plan = planners.complex.plan_fft_inverse(values.len());
         drop(planners);
         plan.process(values);
+    }
+
+    /// The `n` weights of a window.
+    fn weights(&self, window: Window, n: usize) -> Arc<[f64]> {
+        if n > KEPT {
+            return window.weights(n).into();
+        }
+        let mut planners = self.planners();
+        planners.make_room(n, Kept::Window(window));
+        let weights = planners.windows.entry((window, n));
+        weights.or_insert_with(|| window.weights(n).into()).clone()
+    }
+
+    fn planners(&self) -> MutexGuard<'_, Planners> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -137,7 +162,7 @@ impl Spectrum {
 pub struct Welch {
     fs_hz: f64,
     noverlap: usize,
-    weights: Vec<f64>,
+    weights: Arc<[f64]>,
     scale: f64,
     transform: Arc<dyn RealToComplex<f64>>,
 }
@@ -148,7 +173,7 @@ impl Welch {
         Self::plan_with(&Transforms::default(), fs_hz, nperseg, noverlap, window)
     }
 
-    /// [`Welch::plan`] with transforms planned before.
+    /// [`Welch::plan`] with transforms planned and windows made before.
     pub fn plan_with(
         transforms: &Transforms,
         fs_hz: f64,
@@ -162,7 +187,7 @@ impl Welch {
         if nperseg < 2 || noverlap >= nperseg {
             return Err(WelchError::Segment { nperseg, noverlap });
         }
-        let weights = window.weights(nperseg);
+        let weights = transforms.weights(window, nperseg);
         let power: f64 = weights.iter().map(|w| w * w).sum();
         Ok(Self {
             fs_hz,

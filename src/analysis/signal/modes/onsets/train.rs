@@ -6,6 +6,7 @@
 //! not the comb: a blow is what it does not predict.
 
 use super::Release;
+use crate::numerics::extremes::extremes;
 use crate::numerics::simd::{Kernel, vectorised};
 use crate::signal::record::slope::Slope;
 
@@ -25,6 +26,8 @@ const RISE: f64 = 16.0;
 const BEFORE: f64 = 2.0;
 /// Fewest samples of these.
 const LEAST_BEFORE: usize = 8;
+/// Share of the largest square from which on a median puts it below the limit.
+const USUAL: f64 = 1.01 * MEDIAN / (HEIGHT * HEIGHT);
 /// Fewest blows of a train.
 const LEAST: usize = 4;
 /// Share of its blows that must be seen.
@@ -58,8 +61,13 @@ pub fn train(samples: &[f64], period: f64) -> Vec<Release> {
 
 /// Samples that the model does not predict though it did those of the `reach` samples before.
 fn disturbances(powers: &[f64], reach: usize) -> Vec<usize> {
-    let mut sorted = powers[ORDER..].to_vec();
-    let middle = sorted.len() / 2;
+    let all = &powers[ORDER..];
+    let ((_, largest), middle) = (extremes(all), all.len() / 2);
+    // Then the median is so large that nothing exceeds the limit.
+    if all.iter().filter(|&&power| power < USUAL * largest).count() <= middle {
+        return Vec::new();
+    }
+    let mut sorted = all.to_vec();
     let median = *sorted.select_nth_unstable_by(middle, f64::total_cmp).1;
     let limit = HEIGHT * HEIGHT * median / MEDIAN;
     let mut found: Vec<usize> = Vec::new();

@@ -199,6 +199,38 @@ fn a_clock_that_jumped_to_2100_and_comes_back_begins_a_segment() {
     assert_eq!(verdicts[299].alarms, []);
 }
 
+/// A site that was silent over the winter: recordings that were missed in the summer, or a clock that is set back by days, are late.
+#[test]
+fn late_records_months_after_a_silence_end_no_segment() {
+    let scenario = Scenario::new(300).step(220.5, -0.4);
+    let all = scenario.observations(204);
+    let missed = 230..240;
+    for is_clock in [false, true] {
+        let mut records: Vec<Observation> = all[..60].iter().chain(&all[165..260]).cloned().collect();
+        if is_clock {
+            records.extend(all[260..270].iter().map(|record| moved(record, -12.0)));
+        } else {
+            records.retain(|record| !missed.clone().any(|day| record.start == all[day].start));
+            records.extend(all[missed.clone()].iter().cloned());
+        }
+        let late = records.len() - 10;
+        records.extend(all[270..].iter().cloned());
+        let (tracker, verdicts) = scenario.follow(&records);
+        assert_eq!(tracker.state().segment.number, 1, "{is_clock}");
+        let aside = verdicts[late..late + 10].iter().map(|verdict| verdict.set_aside);
+        assert!(
+            aside.clone().all(|aside| aside == Some(SetAside::Late)),
+            "{is_clock}: {:?}",
+            aside.collect::<Vec<_>>()
+        );
+        let over: Vec<_> = (told(&verdicts, What::Cleared).into_iter())
+            .filter(|(_, kind)| kind.is_latched())
+            .collect();
+        assert_eq!(over, [], "{is_clock}");
+        assert_eq!(verdicts.last().map(|last| &last.state), Some(&RodState::Alarm));
+    }
+}
+
 #[test]
 fn a_clock_that_stood_at_1970_first_leaves_no_trace_in_the_baseline() {
     let scenario = Scenario::new(120);

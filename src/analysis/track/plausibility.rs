@@ -114,10 +114,13 @@ pub struct Plausibility {
     seen: usize,
     /// Last record that was ahead of time, and number of such records in a row.
     ahead: Option<(Timestamp, usize)>,
-    /// Last record before a jump ahead that was finally accepted.
-    before_jump: Option<Timestamp>,
-    /// Number of records in a row older than periods already closed.
+    /// Time without records that a jump ahead skipped which was finally accepted: from the last record before it to the first behind it.
+    #[serde(default)]
+    skipped: Option<(Timestamp, Timestamp)>,
+    /// Number of records in a row older than periods already closed, and of those in a row in the time skipped.
     behind: usize,
+    #[serde(default)]
+    in_skipped: usize,
     /// Latest records of the channel, in order of time.
     #[serde(default)]
     shown: VecDeque<Shown>,
@@ -310,7 +313,8 @@ impl Plausibility {
 
     /// Notes an accepted record.
     pub fn believe(&mut self, observation: &Observation) {
-        self.behind = 0;
+        (self.behind, self.in_skipped) = (0, 0);
+        self.forget_silence(observation.start);
         let (low, high) = self.rms.unwrap_or((f64::INFINITY, 0.0));
         // A silent record gives no amplitude.
         if observation.rms > 0.0 {

@@ -11,6 +11,10 @@ pub const JUMP_S: f64 = 90.0 * 86_400.0;
 /// longer one the clock was wrong, most likely.
 pub(crate) const LONGEST_SILENCE_S: f64 = 3.0 * 365.25 * 86_400.0;
 
+/// Time over which records must have gone on behind a silence until it counts as one for good \[s\]: what was recorded in it and comes later
+/// is late, and takes back nothing.
+const SETTLED_S: f64 = 30.0 * 86_400.0;
+
 impl Plausibility {
     /// True while a time far ahead is doubted: until another rod's records are believed as far, or more than `patience` records in a row
     /// agree on it, of the site's rods together if half of `patience` are its own.
@@ -52,7 +56,7 @@ impl Plausibility {
         let doubted = !is_there && agreeing <= patience;
         self.ahead = doubted.then_some((start, count));
         if !doubted {
-            self.before_jump = Some(latest);
+            self.skipped = Some((latest, start));
         }
         doubted
     }
@@ -63,10 +67,23 @@ impl Plausibility {
     }
 
     /// Notes a record older than periods already closed. Returns true if the clock was right before it jumped
-    /// ahead, and is right again: `patience` records in a row lie in the time that the jump left out.
+    /// ahead, and is right again: more than `patience` records in a row lie in the time that the jump left out.
     pub fn is_back(&mut self, start: Timestamp, patience: usize) -> bool {
         self.behind += 1;
-        self.behind > patience && self.before_jump.is_some_and(|before| start > before)
+        let is_in_it = |(before, behind): (Timestamp, Timestamp)| before < start && start < behind;
+        self.in_skipped = if self.skipped.is_some_and(is_in_it) {
+            self.in_skipped + 1
+        } else {
+            0
+        };
+        self.in_skipped > patience
+    }
+
+    /// Notes the time of an accepted record: behind a jump that may have been a silence, records that go on make it one.
+    pub(super) fn forget_silence(&mut self, start: Timestamp) {
+        self.skipped = self.skipped.filter(|(before, behind)| {
+            behind.seconds_since(*before) > LONGEST_SILENCE_S || start.seconds_since(*behind) <= SETTLED_S
+        });
     }
 
     /// True if at least this many records in a row were older than periods already closed.
@@ -108,6 +125,43 @@ mod tests {
             plausibility.doubt(&at(60.0, OWN, 1e-4), &rod, latest, &[], 3),
             None
         );
+    }
+
+    #[test]
+    fn a_jump_is_taken_back_by_records_in_the_time_it_skipped_alone() {
+        let (rod, patience) = (RodId("a".into()), 5);
+        let day = |day: f64| at(day, OWN, 1e-4);
+        // Records go on for some days behind a jump over some.
+        let behind = |over: f64, goes_on: f64| {
+            let (mut plausibility, last) = learned();
+            let (mut latest, first) = (last.start, last.start.days() + over);
+            for place in 0..=patience + goes_on as usize {
+                let record = day(first + place as f64);
+                if plausibility
+                    .doubt(&record, &rod, Some(latest), &[], patience)
+                    .is_none()
+                {
+                    plausibility.believe(&record);
+                    latest = record.start;
+                }
+            }
+            (plausibility, last.start.days())
+        };
+        let is_back = |of: &Plausibility, times: [f64; 6]| {
+            let mut of = of.clone();
+            times.map(|time| of.is_back(day(time).start, patience))[5]
+        };
+        let six = |from: f64| std::array::from_fn(|place| from + place as f64);
+        let (winter, last) = behind(120.0, 10.0);
+        assert!(is_back(&winter, six(last + 20.0)));
+        // A clock set back by a week, and recordings that were missed since.
+        assert!(!is_back(&winter, six(last + 127.0)));
+        let mut mixed = six(last + 20.0);
+        mixed[2] = last + 130.0;
+        assert!(!is_back(&winter, mixed), "not in a row");
+        // The site has been there again for weeks: it was a silence. Decades are none.
+        assert!(!is_back(&behind(120.0, 60.0).0, six(last + 20.0)));
+        assert!(is_back(&behind(27_000.0, 60.0).0, six(last + 20.0)));
     }
 
     #[test]

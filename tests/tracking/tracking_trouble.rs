@@ -231,6 +231,22 @@ fn late_records_months_after_a_silence_end_no_segment() {
     }
 }
 
+/// One pause in the baseline of hourly records says nothing of how often they come.
+#[test]
+fn a_pause_while_the_baseline_is_learned_does_not_put_off_the_alarm_of_missing_data() {
+    let mut scenario = Scenario::new(80);
+    scenario.simulation.interval_s = 3600.0;
+    let mut records = scenario.observations(207);
+    for record in &mut records[20..] {
+        *record = moved(record, 80.0);
+    }
+    let (mut tracker, _) = scenario.follow(&records);
+    assert!(tracker.state().segment.baseline.is_some());
+    let last = records[79].start;
+    assert_eq!(tracker.look_at_clock(last.plus_seconds(2.9 * DAY_S)), []);
+    assert_eq!(tracker.look_at_clock(last.plus_seconds(3.1 * DAY_S)).len(), 1);
+}
+
 #[test]
 fn a_clock_that_stood_at_1970_first_leaves_no_trace_in_the_baseline() {
     let scenario = Scenario::new(120);

@@ -3,6 +3,7 @@
 mod gross;
 pub(super) mod levels;
 pub(super) mod particles;
+pub mod spacing;
 
 pub(crate) use gross::are_sound;
 
@@ -52,6 +53,9 @@ pub struct Baseline {
     pub last: Timestamp,
     /// Number of records.
     pub records: usize,
+    /// The usual distance between them \[s\]; `None` of fewer than two, and from earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub usual_s: Option<f64>,
     /// The modes, ascending in order.
     pub modes: Vec<BaselineMode>,
     /// Scatter of the frequencies over their standard errors, as a factor, at least one.
@@ -162,6 +166,7 @@ impl Baseline {
             first: first.start,
             last: last.start,
             records,
+            usual_s: spacing::usual_s(observations.iter().map(|one| one.start)),
             modes: known,
             overdispersion: levels.overdispersion,
             particles: population.thetas,

@@ -4,6 +4,7 @@ use super::read::parse;
 use super::state::{self, Failure};
 use super::{Reader, Request, StoreError};
 use crate::analysis::signal::record::{RodId, Timestamp};
+use crate::analysis::track::baseline::spacing::usual_s;
 use crate::analysis::track::{Alarm, JUMP_S, RodState};
 use crate::site::clock;
 use crate::site::record_row::RecordRow;
@@ -179,23 +180,31 @@ impl Reader {
             ))
         });
         if let Some((first, last, records)) = baseline.optional()? {
-            let length_s = state::time(&last)?.seconds_since(state::time(&first)?);
-            return Ok(Some(length_s / f64::from(records - 1)));
+            let (first, last) = (state::time(&first)?, state::time(&last)?);
+            let learned = self.usable_starts(rod, first.as_nanos(), last.as_nanos(), records as usize)?;
+            let mean = last.seconds_since(first) / f64::from(records - 1);
+            return Ok(usual_s(learned.iter().copied()).or(Some(mean)));
         }
+        let recent = self.usable_starts(rod, i64::MIN, end, RECENT)?;
+        let is_near = |two: &[Timestamp]| two[1].as_nanos().saturating_sub(two[0].as_nanos()) <= GAP_NS;
+        let gap = recent.windows(2).rposition(|two| !is_near(two));
+        let since = gap.map_or(0, |gap| gap + 1);
+        Ok(usual_s(recent[since..].iter().copied()))
+    }
+
+    /// Starts of the last `count` records between two times that count \[ns\], ascending.
+    fn usable_starts(&self, rod: &str, from: i64, to: i64, count: usize) -> Result<Vec<Timestamp>, Failure> {
         let mut statement = self.connection.prepare_cached(
-            "SELECT start_ns FROM record WHERE rod = ? AND start_ns <= ? AND rejection IS NULL AND set_aside IS NULL
+            "SELECT start_ns FROM record
+             WHERE rod = ? AND start_ns BETWEEN ? AND ? AND rejection IS NULL AND set_aside IS NULL
              ORDER BY start_ns DESC LIMIT ?",
         )?;
-        let starts: Vec<i64> = statement
-            .query_map((rod, end, RECENT as i64), |row| row.get(0))?
-            .collect::<rusqlite::Result<_>>()?;
-        let gaps = starts
-            .windows(2)
-            .take_while(|two| two[0].saturating_sub(two[1]) <= GAP_NS);
-        let (count, sum) = gaps.fold((0.0, 0.0), |(count, sum), two| {
-            (count + 1.0, sum + (two[0] - two[1]) as f64 * 1e-9)
-        });
-        Ok((count > 0.0).then(|| sum / count))
+        let rows = statement.query_map((rod, from, to, count as i64), |row| row.get(0))?;
+        let mut starts = rows
+            .map(|start| start.map(Timestamp::from_nanos))
+            .collect::<rusqlite::Result<Vec<_>>>()?;
+        starts.reverse();
+        Ok(starts)
     }
 
     fn standing_alarms(&self, rod: &str) -> Result<Vec<Alarm>, Failure> {

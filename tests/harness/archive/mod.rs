@@ -184,6 +184,7 @@ pub fn state(rod: &RodId, number: i64) -> State {
                 first: hour(0),
                 last: hour(29),
                 records: 30,
+                usual_s: Some(3600.0),
                 modes: vec![BaselineMode {
                     order: 1,
                     log_frequency: 0.1 + 0.2,

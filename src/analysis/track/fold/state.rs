@@ -9,6 +9,7 @@ use super::verdict::RodState;
 use crate::signal::record::{Reading, RodId, Timestamp};
 use crate::track::alarm::{Alarm, Cause, Kind, Watches};
 use crate::track::baseline::Baseline;
+use crate::track::baseline::spacing::usual_s;
 use crate::track::drift::Filters;
 use crate::track::drift::Law;
 use crate::track::drift::period::{Pending, Period};
@@ -318,12 +319,11 @@ impl State {
 
     /// The usual distance between records \[s\]; `None` before two records.
     pub(crate) fn usual_s(&self) -> Option<f64> {
-        let (first, last, records) = match (&self.segment.baseline, &self.learning[..]) {
-            (Some(baseline), _) => (baseline.first, baseline.last, baseline.records),
-            (None, [first, .., last]) => (first.start, last.start, self.learning.len()),
-            (None, _) => return None,
+        let Some(baseline) = &self.segment.baseline else {
+            return usual_s(self.learning.iter().map(|one| one.start));
         };
-        Some(last.seconds_since(first) / (records.max(2) - 1) as f64)
+        let mean = baseline.last.seconds_since(baseline.first) / (baseline.records.max(2) - 1) as f64;
+        Some(baseline.usual_s.unwrap_or(mean))
     }
 }
 

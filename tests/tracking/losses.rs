@@ -1,11 +1,13 @@
 //! Large losses, and changes after a change, where temperature or baseline are missing or wrong: what is told, and what stays told.
 
+use crate::rods::Rods;
 use crate::scenario::{DAY_S, Scenario, raised, told};
 use rand::RngExt;
 use tirante::analysis::lab::synthesis::FrequencyErrors;
 use tirante::analysis::numerics::random;
 use tirante::analysis::rod::beam::Exact;
 use tirante::analysis::rod::beam::forward::ForwardModel;
+use tirante::analysis::signal::record::RodId;
 use tirante::analysis::track::{Kind, Observation, Verdict, What, alternatives};
 
 /// A rod restrained by this share of what stiff walls do.
@@ -330,5 +332,69 @@ fn mass_or_loose_supports_of_a_restrained_rod_do_not_become_force_through_a_seas
             let most = told.iter().copied().fold(f64::NAN, f64::max);
             assert!(most < 20.0 / 21.0, "{shifts:?} {seed}: {told:?}");
         }
+    }
+}
+
+/// Alarms of a kind that a rod raised, and those that ended, by day.
+fn of_rod(verdicts: &[(f64, RodId, Verdict)], rod: &str, what: What) -> Vec<(u32, Kind)> {
+    let own = verdicts.iter().filter(|(_, known, _)| known.0 == rod);
+    own.flat_map(|(day, _, verdict)| verdict.events.iter().map(move |event| (*day as u32, event)))
+        .filter(|(_, event)| event.what == what)
+        .map(|(day, event)| (day, event.alarm.kind))
+        .collect()
+}
+
+/// A thermometer that works for the first time knows nothing of the force before: the loss is not its zero.
+#[test]
+fn a_loss_before_the_first_thermometer_is_not_ended_by_it() {
+    let lost = restrained(260, 0.5).step(100.5, -0.4);
+    let without = |scenario: &Scenario| {
+        let mut observations = scenario.observations(301);
+        observations[..150]
+            .iter_mut()
+            .for_each(|one| one.readings.clear());
+        observations
+    };
+    let (_, verdicts) = lost.follow(&without(&lost));
+    let (all, over) = (raised(&verdicts), told(&verdicts, What::Cleared));
+    assert!(
+        first(&verdicts, Kind::Limit).is_some_and(|day| day < 104),
+        "{all:?}"
+    );
+    assert!(
+        first(&verdicts, Kind::Drift).is_some_and(|day| day < 110),
+        "{all:?}"
+    );
+    assert_eq!(cleared(&verdicts, Kind::Limit), None, "{over:?}");
+    assert_eq!(cleared(&verdicts, Kind::Drift), None, "{over:?}");
+    let shown = verdicts.last().and_then(|last| last.at_reference);
+    assert_eq!(shown, None, "the force before is not known by a temperature");
+    // The rod was tightened again.
+    let back = restrained(260, 0.5).step(100.5, -0.4).step(200.5, 0.4);
+    let (_, verdicts) = back.follow(&without(&back));
+    let over = told(&verdicts, What::Cleared);
+    assert!(
+        cleared(&verdicts, Kind::Limit).is_some_and(|day| day > 200),
+        "{over:?}"
+    );
+}
+
+#[test]
+fn a_loss_beside_the_others_before_the_first_thermometer_is_not_ended_by_it() {
+    for seed in 621..624 {
+        let rods = Rods::new(3, 200, seed, &[(90.5, -0.12)], 0.0);
+        let verdicts = rods.follow(|day, mut record| {
+            if day < 140.0 {
+                record.readings.clear();
+            }
+            Some(record)
+        });
+        let [told, over] = [What::Raised, What::Cleared].map(|what| of_rod(&verdicts, "a", what));
+        let latched = |all: &[(u32, Kind)]| all.iter().any(|(_, kind)| kind.is_latched());
+        assert!(
+            told.iter().any(|(_, kind)| *kind == Kind::Drift),
+            "{seed}: {told:?}"
+        );
+        assert!(!latched(&over), "{seed}: {told:?}, over {over:?}");
     }
 }

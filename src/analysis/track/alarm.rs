@@ -136,6 +136,12 @@ impl Alarm {
         }
     }
 
+    /// Latest credible onset of its change \[d\].
+    pub(crate) fn latest_onset(&self) -> f64 {
+        let onset = self.change.as_ref().map(|change| change.onset_q975);
+        onset.unwrap_or(self.raised).days()
+    }
+
     /// True if it is not acknowledged and was not repeated for `repeat_s`.
     pub fn is_due(&self, time: Timestamp, repeat_s: f64) -> bool {
         let passed_s = time.seconds_since(self.told);

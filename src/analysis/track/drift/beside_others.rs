@@ -69,6 +69,7 @@ pub(super) fn follow(seed: u64, story: &Story) -> (DriftWatch, Vec<Finding>) {
         reference_c: Some(reference_c),
         learning_periods: 30,
         commissioned_until: None,
+        told_since: None,
     };
     let mut watch = DriftWatch::new(FIRST as f64, STATED_SD);
     let mut history: Vec<Period> = Vec::new();

@@ -64,6 +64,11 @@ impl Compensated {
         }
     }
 
+    /// Day of the first period.
+    pub fn origin(&self) -> f64 {
+        self.regressors.origin
+    }
+
     /// Regressors of a period or record; `None` without its temperature, or without the other rods where they are needed.
     pub fn columns(
         &self,

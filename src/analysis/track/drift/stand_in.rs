@@ -205,6 +205,7 @@ impl Site {
             reference_c: Some(10.0),
             learning_periods: 30,
             commissioned_until: None,
+            told_since: None,
         };
         for index in days {
             let today = day(index);

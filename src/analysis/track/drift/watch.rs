@@ -56,6 +56,8 @@ pub(crate) struct Terms {
     pub learning_periods: usize,
     /// Start of the last period of commissioning \[d\], where a change ended it.
     pub commissioned_until: Option<f64>,
+    /// Time since which a change of the force is told \[d\]: later periods are none of commissioning.
+    pub told_since: Option<f64>,
 }
 
 /// Detectors of one rod.
@@ -203,6 +205,8 @@ impl DriftWatch {
         };
         let mut law = None;
         let is_commissioned = terms.commissioned_until.is_some_and(|until| day > until);
+        let is_after_told = (is_commissioned || terms.commissioned_until.is_none())
+            && terms.told_since.is_some_and(|since| measured > since);
         let (mut by_temperature, mut unread) = (None, 0.0);
         let mut seen_alone = None;
         self.last = Sources::default();
@@ -216,7 +220,9 @@ impl DriftWatch {
             if is_commissioned {
                 compensated.end_level();
             }
-            compensated.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
+            if !is_after_told {
+                compensated.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
+            }
             let seen = seen(period, &columns, compensated.knows_temperature);
             unread = compensated.detector.unread(&seen);
             law = compensated.detector.step_with(&seen, unread);
@@ -232,7 +238,9 @@ impl DriftWatch {
             if is_commissioned {
                 alone.end_level();
             }
-            alone.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
+            if !is_after_told {
+                alone.learn_level(measured, period.delta, &columns, terms.learning_periods, is_told);
+            }
             let seen = seen(period, &columns, alone.knows_temperature);
             unread = alone.detector.unread(&seen);
             by_temperature = alone.detector.step_with(&seen, unread);
@@ -267,7 +275,7 @@ impl DriftWatch {
         let at_reference = seen_alone.and_then(|columns: Vec<f64>| {
             let measured_by = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
             let seen = seen(period, &columns, measured_by.knows_temperature);
-            measured_by.change(&seen, terms.limit, self.above.any())
+            measured_by.change(&seen, terms.limit, self.above.any() || is_after_told)
         });
         let law = law.or(blind_law).unwrap_or(Law {
             mean: period.delta,
@@ -381,6 +389,7 @@ mod tests {
             reference_c: Some(10.0),
             learning_periods: 30,
             commissioned_until: None,
+            told_since: None,
         }
     }
 

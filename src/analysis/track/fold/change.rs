@@ -172,21 +172,21 @@ pub(super) fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestam
     if sizes.clone().any(is_still_to_come) {
         return;
     }
+    let first = (sizes.clone().map(Alarm::latest_onset)).fold(f64::INFINITY, f64::min);
     let witnesses: Vec<_> = sizes.clone().map(|alarm| alarm.witness).collect();
     let size_of = |alarm: &Alarm| alarm.change.as_ref().map_or(0.0, |change| change.size.mean.abs());
     let (Some(size), Some(charted)) = (sizes.map(size_of).reduce(f64::max), period.charted) else {
         return;
     };
-    let is_settled = tracker.state.watch.get().is_some_and(DriftWatch::is_settled);
-    let evidence = charted.evidence.best_informed();
-    // A change that came back has evidence for good: what it came to decides.
-    let watch = tracker.state.watch.get();
-    let limit = tracker.plan.limit();
-    let came_back = |watch: &DriftWatch| {
-        let is_back = |change: drift::Change| change.size.abs() < STANDS_SD * change.size_sd;
-        watch.evidence(None) > limit && watch.change().is_some_and(is_back)
+    let Some(watch) = tracker.state.watch.get() else {
+        return;
     };
-    let (is_told, has_come_back) = (evidence >= 1.0, watch.is_some_and(came_back));
+    let is_settled = watch.is_settled();
+    let (known, change) = watch.testimony(first);
+    let evidence = known.best_informed();
+    // A change that came back has evidence for good: what it came to decides.
+    let is_back = |change: drift::Change| change.size.abs() < STANDS_SD * change.size_sd;
+    let (is_told, has_come_back) = (evidence >= 1.0, evidence > 1.0 && change.is_some_and(is_back));
     let by_level = charted
         .at_reference
         .zip(charted.at_reference_sd)
@@ -195,9 +195,9 @@ pub(super) fn look_at_end(tracker: &mut Tracker, period: &Period, time: Timestam
             // A small change ends nothing as long as it is evident.
             beyond(change.abs(), 2.0 * over, over).filter(|holds| *holds || !is_told || has_come_back)
         });
-    // Without a temperature, a lasting change is learned as normal: only the evidence ends the alarm, that of a detector which saw
-    // the change.
-    let saw = |witness: &Option<Witness>| saw_change(*witness, &charted.evidence);
+    // Without a temperature, a lasting change is learned as normal: only the evidence ends the alarm, that of a detector which knew
+    // the rod before and saw the change.
+    let saw = |witness: &Option<Witness>| saw_change(*witness, &known);
     let is_faint = is_settled && (evidence < FAINT_EVIDENCE || has_come_back) && witnesses.iter().all(saw);
     let holds = by_level.or(is_faint.then_some(false));
     if tracker.find(Cause::Change, holds) != Standing::Over {

@@ -15,9 +15,9 @@ use super::change::SIGNAL_NOT_AXIAL_P;
 use super::tracker::{LOSS_RECORDS, Tracker};
 use super::verdict::AtReference;
 use crate::signal::record::Timestamp;
-use crate::track::alarm::{Cause, Kind};
+use crate::track::alarm::{Alarm, Cause, Kind};
 use crate::track::baseline::Baseline;
-use crate::track::drift::watch::DriftWatch;
+use crate::track::drift::watch::{DriftWatch, Witness};
 use crate::track::drift::{Change, Law};
 use crate::track::observation::Observation;
 use crate::track::relative::{Relative, Shift};
@@ -301,16 +301,25 @@ impl Tracker {
             let lasts = self.state.watch.get().is_none_or(DriftWatch::is_blind_above);
             holds = holds.filter(|holds| *holds || !lasts);
         }
-        // The season may bring the ratio back, and leave the loss beside the other rods.
-        let is_told = self
-            .change_without_temperature()
-            .is_some_and(|change| Loss::from(&change).exceeds(limit));
-        if stands && known.is_none() && is_told {
+        // The season may bring the ratio back, and leave the loss beside the other rods: they tell it now, or told it.
+        if stands && known.is_none() && self.shows_beside_others(limit) {
             holds = holds.filter(|holds| *holds);
         }
         self.find_loss(holds, loss, decides, time);
         let is_kept = holds == Some(true) || (kept.is_some() && self.state.watches.stands(Cause::Loss));
         self.state.before = is_kept.then_some(before);
+    }
+
+    /// True while a loss beyond a limit shows beside the other rods: to a rod that never had a temperature when they told it, still if it has
+    /// one now.
+    fn shows_beside_others(&self, limit: f64) -> bool {
+        let by_others = |alarm: &&Alarm| alarm.cleared.is_none() && alarm.witness == Some(Witness::Peers);
+        let told = self.state.alarms.iter().find(by_others);
+        let watch = self.state.watch.get();
+        let since_told = (watch.zip(told)).and_then(|(watch, told)| watch.testimony(told.latest_onset()).1);
+        let exceeds =
+            |change: Option<Change>| change.is_some_and(|change| Loss::from(&change).exceeds(limit));
+        exceeds(since_told) || exceeds(self.change_without_temperature())
     }
 
     /// Change that shows beside the other rods, where there was no temperature.

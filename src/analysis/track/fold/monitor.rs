@@ -106,6 +106,7 @@ fn watch(tracker: &mut Tracker, period: &mut Period, others: &Others) {
     }
     let terms = Terms {
         commissioned_until: plan.commissioned_until(baseline),
+        told_since: state.changed_since(),
         ..plan.terms(baseline, shift, state.segment.reference_c)
     };
     let noise_sd = typical_sd(state, period);

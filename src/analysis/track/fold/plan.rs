@@ -178,6 +178,7 @@ impl TrackPlan {
             reference_c,
             learning_periods: self.track.learning_periods,
             commissioned_until: None,
+            told_since: None,
         }
     }
 

@@ -41,6 +41,7 @@ pub(crate) fn of_record(
         scatter.map_or(own_sd, |_| own_sd.min(watch.noise_sd())),
         Some(&filtered),
         filters.unread_k2(end.days()).as_ref(),
+        state.changed_since().is_some_and(|since| end.days() > since),
     )?;
     let change_sd = change_sd.hypot(scatter.map_or(0.0, |scatter| scatter.max(own_sd)));
     let static_sd = tracker.shift.as_ref()?.static_sd(measured - change, measured);

@@ -184,6 +184,18 @@ impl State {
         change.map_or(0.0, |change| change.size.abs())
     }
 
+    /// Time at which a change of the rod was told that stands \[d\].
+    pub(super) fn changed_since(&self) -> Option<f64> {
+        let tells_change = |alarm: &&Alarm| match alarm.kind {
+            Kind::Drift | Kind::Limit => alarm.cleared.is_none(),
+            // The misfit alone tells no change since the baseline.
+            Kind::NotAxial => alarm.cleared.is_none() && alarm.change.is_some(),
+            _ => false,
+        };
+        let told = self.alarms.iter().filter(tells_change);
+        told.map(|alarm| alarm.raised.days()).reduce(f64::min)
+    }
+
     /// True if an alarm of this kind is active and its condition holds.
     pub(crate) fn holds(&self, kind: Kind) -> bool {
         self.alarms

@@ -1,11 +1,11 @@
 //! Evidence, size and onset of a change, by the detectors that had their inputs of late.
 
-use super::{DriftWatch, RARER};
+use super::{DriftWatch, MOST_EVIDENCE, RARER};
 use crate::track::drift::Covariance;
 use crate::track::drift::companions;
 use crate::track::drift::compensated::Compensated;
 use crate::track::drift::filters::FILTERS_D;
-use crate::track::drift::period::Pending;
+use crate::track::drift::period::{Evidence, Pending};
 use crate::track::drift::{Change, Detector, Filters, Law, Regressors, Seen};
 
 /// Standard deviations of the predictive law from which a sudden change is reported within days without a temperature: a smaller
@@ -104,7 +104,7 @@ impl DriftWatch {
     }
 
     /// Change of the ratio of a record since commissioning at the reference temperature, and its standard deviation; `None`
-    /// without its temperature.
+    /// without its temperature. `is_told`: a change is told that stands.
     pub(crate) fn change_of(
         &self,
         day: f64,
@@ -112,6 +112,7 @@ impl DriftWatch {
         sd: f64,
         filtered_c: Option<&[f64; FILTERS_D.len()]>,
         unread_k2: Option<&Covariance>,
+        is_told: bool,
     ) -> Option<(f64, f64)> {
         let compensated = self.by_temperature.as_ref().or(self.compensated.as_ref())?;
         let columns = compensated.columns(day, filtered_c, None)?;
@@ -124,7 +125,7 @@ impl DriftWatch {
             columns: &columns,
             unread_k2: unread_k2.filter(|_| compensated.knows_temperature),
         };
-        compensated.change(&seen, self.limit, self.above.any())
+        compensated.change(&seen, self.limit, self.above.any() || is_told)
     }
 
     /// Predictive law of a record by the rod's own data only.
@@ -219,6 +220,42 @@ impl DriftWatch {
         let thermal = [&self.compensated, &self.by_temperature].into_iter().flatten();
         let detectors = thermal.map(|one| &one.detector).chain(&self.peers);
         detectors.filter_map(Detector::began).reduce(f64::max)
+    }
+
+    /// Evidence after the last period, as a share of the limit, of a change that began by a time \[d\], and the change, by the best-informed
+    /// detector that tells it. Only a detector that had periods before says anything of it: to one that began later it is the level. What
+    /// stands in counts from before it.
+    pub(crate) fn testimony(&self, onset: f64) -> (Evidence, Option<Change>) {
+        let since = |since: Option<f64>| since.filter(|since| *since <= onset);
+        let knew = |one: &&Compensated| {
+            let others_since = self.others_since.filter(|_| one.knows_others);
+            self.last.temperature && latest(Some(one.origin()), others_since) <= Some(onset)
+        };
+        let compensated = (self.watching().filter(knew))
+            .or_else(|| {
+                self.by_temperature
+                    .as_ref()
+                    .filter(|one| self.last.alone && knew(one))
+            })
+            .map(|one| (&one.detector, since(self.watching_since())));
+        let peers = (self.peers.as_ref())
+            .filter(|_| self.last.others && self.others_since <= Some(onset))
+            .map(|peers| (peers, None));
+        let stands_in = !(self.last.temperature || self.last.others);
+        let blind = (&self.blind, since(self.informed_until().filter(|_| stands_in)));
+        let over = |(detector, since): (&Detector, _)| {
+            (detector.statistic_since(since) / self.limit).min(MOST_EVIDENCE)
+        };
+        let evidence = Evidence {
+            compensated: compensated.map(over),
+            peers: peers.map(over),
+            blind: Some(over(blind)),
+        };
+        let all = [compensated, peers, Some(blind)].into_iter().flatten();
+        let change = all
+            .filter_map(|(detector, since)| detector.change_since(since, since))
+            .next();
+        (evidence, change)
     }
 
     /// Detectors that had their inputs in the last period, the best-informed first, each with the time from which on its changes

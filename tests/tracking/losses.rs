@@ -3,12 +3,12 @@
 use crate::rods::Rods;
 use crate::scenario::{DAY_S, Scenario, raised, told};
 use rand::RngExt;
-use tirante::analysis::lab::synthesis::FrequencyErrors;
+use tirante::analysis::lab::synthesis::{AddedMass, FrequencyErrors};
 use tirante::analysis::numerics::random;
 use tirante::analysis::rod::beam::Exact;
 use tirante::analysis::rod::beam::forward::ForwardModel;
 use tirante::analysis::signal::record::RodId;
-use tirante::analysis::track::{Kind, Observation, Verdict, What, alternatives};
+use tirante::analysis::track::{Alarm, Kind, Observation, Verdict, What, alternatives};
 
 /// A rod restrained by this share of what stiff walls do.
 fn restrained(days: usize, restraint: f64) -> Scenario {
@@ -396,5 +396,106 @@ fn a_loss_beside_the_others_before_the_first_thermometer_is_not_ended_by_it() {
             "{seed}: {told:?}"
         );
         assert!(!latched(&over), "{seed}: {told:?}, over {over:?}");
+    }
+}
+
+/// Records of a rod until a day, with all its alarms acknowledged then, and those after it.
+fn acknowledged(scenario: &Scenario, observations: &[Observation], day: usize) -> (Vec<Alarm>, Vec<Verdict>) {
+    let (mut tracker, _) = scenario.follow(&observations[..day]);
+    let before = tracker.state().alarms.clone();
+    let now = scenario.simulation.start.plus_seconds((day as f64 - 0.1) * DAY_S);
+    for alarm in &before {
+        tracker.acknowledge(&alarm.id, now);
+    }
+    (
+        before,
+        crate::scenario::follow_on(&mut tracker, &observations[day..]),
+    )
+}
+
+#[test]
+fn a_further_loss_under_a_limit_is_told_without_a_temperature() {
+    let one = restrained(180, 0.1).step(100.5, -0.15);
+    let two = restrained(180, 0.1).step(100.5, -0.15).step(140.5, -0.3);
+    for seed in 301..304 {
+        let (before, after) = acknowledged(&two, &dark(&two, seed, 0), 130);
+        let kinds: Vec<Kind> = before.iter().map(|alarm| alarm.kind).collect();
+        assert!(kinds.contains(&Kind::Limit), "{seed}: {kinds:?}");
+        let told: Vec<_> = raised(&after)
+            .into_iter()
+            .map(|(day, kind)| (day + 130, kind))
+            .collect();
+        assert!(
+            matches!(told[..], [(141 | 142, Kind::Limit), ..]),
+            "{seed}: {told:?}"
+        );
+        assert_eq!(
+            told.iter().filter(|(_, kind)| *kind == Kind::Limit).count(),
+            1,
+            "{seed}: {told:?}"
+        );
+        // Nobody has acknowledged the first: it is repeated with the second.
+        let (_, verdicts) = two.follow(&dark(&two, seed, 0));
+        let repeats: Vec<(usize, String)> = (verdicts.iter().enumerate())
+            .flat_map(|(day, verdict)| verdict.events.iter().map(move |event| (day, event)))
+            .filter(|(_, event)| event.what == What::Repeated && event.alarm.kind == Kind::Limit)
+            .map(|(day, event)| (day, event.alarm.message.clone()))
+            .collect();
+        let further = repeats
+            .iter()
+            .find(|(_, message)| message.contains("fell further"));
+        assert!(
+            further.is_some_and(|(day, _)| matches!(day, 141 | 142)),
+            "{seed}: {repeats:?}"
+        );
+        // The first alone, through the same weather.
+        let (_, after) = acknowledged(&one, &dark(&one, seed, 0), 110);
+        assert_eq!(first(&after, Kind::Limit), None, "{seed}: {:?}", raised(&after));
+    }
+}
+
+#[test]
+fn a_loss_after_a_mass_is_told_anew() {
+    let mut scenario = Scenario::new(230).step(120.5, -0.12).step(170.5, -0.3);
+    scenario.rod.added_mass = Some(AddedMass {
+        mass_kg: 15.0,
+        at: 0.5,
+        start_d: 120.0,
+    });
+    let (before, after) = acknowledged(&scenario, &scenario.observations(25), 165);
+    let kinds: Vec<Kind> = before.iter().map(|alarm| alarm.kind).collect();
+    assert!(
+        kinds.contains(&Kind::NotAxial) && kinds.contains(&Kind::Limit),
+        "{kinds:?}"
+    );
+    let told = raised(&after);
+    assert!(
+        told.iter()
+            .any(|(day, kind)| (6..=12).contains(day) && *kind == Kind::NotAxial),
+        "{told:?}"
+    );
+}
+
+#[test]
+fn a_drift_that_grows_is_told_anew_beside_the_others_alone() {
+    for seed in 621..624 {
+        let rods = Rods::new(3, 180, seed, &[(90.5, -0.06), (140.5, -0.06)], 0.0);
+        let verdicts = rods.follow(|_, mut record| {
+            record.readings.clear();
+            Some(record)
+        });
+        let own = verdicts.iter().filter(|(_, rod, _)| rod.0 == "a");
+        let events =
+            own.flat_map(|(day, _, verdict)| verdict.events.iter().map(move |event| (*day as u32, event)));
+        let told: Vec<_> = events
+            .filter(|(_, event)| {
+                event.alarm.kind == Kind::Drift && event.alarm.message.contains("told before")
+            })
+            .map(|(day, event)| (day, event.what, event.alarm.message.clone()))
+            .collect();
+        assert!(
+            told.first().is_some_and(|(day, ..)| (141..=150).contains(day)),
+            "{seed}: {told:?}"
+        );
     }
 }

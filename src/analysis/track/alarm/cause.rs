@@ -30,13 +30,16 @@ pub enum Cause {
     Unlearned,
     /// One record by itself shows a loss beyond the limit.
     Suspicion,
+    /// A record shows a further loss while one stands.
+    Further,
 }
 
 impl Cause {
     /// Every cause.
-    const ALL: [Self; 11] = [
+    const ALL: [Self; 12] = [
         Self::Limit,
         Self::Loss,
+        Self::Further,
         Self::Suspicion,
         Self::Change,
         Self::Misfit,
@@ -51,7 +54,7 @@ impl Cause {
     /// Kind of alarm that it raises.
     pub fn kind(self) -> Kind {
         match self {
-            Self::Limit | Self::Loss => Kind::Limit,
+            Self::Limit | Self::Loss | Self::Further => Kind::Limit,
             Self::Suspicion => Kind::Suspected,
             Self::Change => Kind::Drift,
             Self::Misfit | Self::Pattern => Kind::NotAxial,

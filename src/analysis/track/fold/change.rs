@@ -72,17 +72,12 @@ pub(super) fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &O
         Finding::Drift(witness) => {
             let alternatives = explain(tracker, &change, Some(period));
             let p = axial_p(tracker, period, change.onset);
-            let is_axial = alternatives.as_ref().and_then(Explained::is_axial);
             // The pattern alone does not decide: where temperature moves the force by much, wrong static parameters look like one.
             let (kind, message) = if p >= SIGNAL_NOT_AXIAL_P {
                 let message = drift_message(&change, witness, alternatives.as_ref());
                 (Kind::Drift, message)
             } else {
-                let message = match (is_axial, &alternatives) {
-                    (Some(false), Some(alternatives)) => alternatives.sentence(),
-                    _ => not_axial_message(p),
-                };
-                (Kind::NotAxial, message)
+                (Kind::NotAxial, not_axial_or(p, alternatives.as_ref()))
             };
             let known = Known {
                 change: Some(change),
@@ -118,6 +113,22 @@ pub(super) fn look_at_finding(tracker: &mut Tracker, period: &Period, others: &O
             tracker.state.watches.begin(Cause::Change);
         }
     }
+}
+
+/// One sentence about a pattern of this probability if it were axial: by the kinds of change that remain, if none of them is axial.
+fn not_axial_or(p: f64, alternatives: Option<&Explained>) -> String {
+    let other = alternatives.filter(|known| known.is_axial() == Some(false));
+    other.map_or_else(|| not_axial_message(p), Explained::sentence)
+}
+
+/// One sentence about a change that is not axial.
+pub(super) fn pattern_message(
+    tracker: &Tracker,
+    period: &Period,
+    change: &Change,
+    alternatives: Option<&Explained>,
+) -> String {
+    not_axial_or(axial_p(tracker, period, change.onset), alternatives)
 }
 
 /// True if the periods before the present one were above the limit as well.

@@ -1,9 +1,9 @@
 //! Growth of a drift that was told: told anew with its present size.
 //!
 //! The onset particles hold the sum of a step and those after it, dated by the first; a ramp after it is none of them. The change at the
-//! reference temperature holds all.
+//! reference temperature holds all. Without a temperature the particles beside the other rods do, which may change again.
 
-use super::change::{change_now, static_sd};
+use super::change::{change_now, pattern_message, static_sd};
 use super::explain::explain;
 use super::tracker::Tracker;
 use super::wording::drift_message;
@@ -22,12 +22,13 @@ const CERTAIN_SD: f64 = 1.96;
 const LEAST_GROWTH: f64 = 0.01;
 const GROWTH_SHARE: f64 = 0.5;
 
-/// Reports a drift again that has grown or turned since it was told, acknowledged or not.
+/// Reports a change again that has grown or turned since it was told, acknowledged or not: a drift, or one that is not axial.
 pub(super) fn look_at_growth(tracker: &mut Tracker, period: &Period, others: &Others, time: Timestamp) {
-    let is_drift = |alarm: &Alarm| alarm.kind == Kind::Drift && alarm.cleared.is_none();
+    let is_change =
+        |alarm: &&Alarm| matches!(alarm.kind, Kind::Drift | Kind::NotAxial) && alarm.cleared.is_none();
     let Some((alarm, told)) = (tracker.state.alarms.iter())
-        .find(|alarm| is_drift(alarm))
-        .and_then(|alarm| Some((alarm, alarm.change.clone()?)))
+        .filter(is_change)
+        .find_map(|alarm| Some((alarm, alarm.change.clone()?)))
     else {
         return;
     };
@@ -41,12 +42,20 @@ pub(super) fn look_at_growth(tracker: &mut Tracker, period: &Period, others: &Ot
     let Some(size) = grown(tracker, &told.size, &since) else {
         return;
     };
-    let witness = alarm.witness;
+    let (kind, witness) = (alarm.kind, alarm.witness);
     let change = Change { size, ..told.clone() };
     let alternatives = explain(tracker, &change, Some(period));
+    let now = if kind == Kind::Drift {
+        drift_message(&change, witness.unwrap_or(Witness::Alone), alternatives.as_ref())
+    } else {
+        let pattern = pattern_message(tracker, period, &change, alternatives.as_ref());
+        format!(
+            "{pattern}; taken for one of force, the change is {:+.2} %",
+            100.0 * size.mean
+        )
+    };
     let message = format!(
-        "{}; it was {:+.2} % when it was told before",
-        drift_message(&change, witness.unwrap_or(Witness::Alone), alternatives.as_ref()),
+        "{now}; it was {:+.2} % when it was told before",
         100.0 * told.size.mean
     );
     let known = Known {
@@ -54,13 +63,18 @@ pub(super) fn look_at_growth(tracker: &mut Tracker, period: &Period, others: &Ot
         witness,
         alternatives,
     };
-    tracker.on_board(|board| board.tell_anew(Kind::Drift, time, message, known));
+    tracker.on_board(|board| board.tell_anew(kind, time, message, known));
 }
 
-/// Change at the reference temperature by the last of some periods, if the last ones all show another than `told`.
+/// Change at the reference temperature by the last of some periods, if the last ones all show another than `told`; without a temperature,
+/// the change beside the other rods, if that is another.
 fn grown(tracker: &Tracker, told: &Interval, periods: &[&Period]) -> Option<Interval> {
     let count = tracker.plan.alarm.confirm.max(1);
     let last = periods.len().checked_sub(count).map(|first| &periods[first..])?;
+    if tracker.change_without_temperature().is_some() {
+        let now = change_now(tracker)?.size;
+        return grew(told, now.mean, now.sd).then_some(now);
+    }
     let now = |period: &&Period| at_reference(tracker, period).filter(|size| grew(told, size.mean, size.sd));
     let all: Option<Vec<Interval>> = last.iter().map(now).collect();
     all?.last().copied()
@@ -104,13 +118,17 @@ fn at_reference(tracker: &Tracker, period: &Period) -> Option<Interval> {
     Some(Interval::normal(change, sd.hypot(by_parameters)))
 }
 
+/// True if a change differs from the one told by more than half of it and a hundredth of the force.
+pub(super) fn is_further(told: f64, differs: f64) -> bool {
+    differs > LEAST_GROWTH.max(GROWTH_SHARE * told)
+}
+
 /// True if a change of this size and standard deviation is certainly not the one told: larger by half of it and a hundredth of the
 /// force, or in the other direction.
 fn grew(told: &Interval, change: f64, sd: f64) -> bool {
     let differs = (change - told.mean).abs();
     let is_certain = differs > CERTAIN_SD * sd.hypot(told.sd);
-    let is_larger =
-        change.abs() > told.mean.abs() && differs > LEAST_GROWTH.max(GROWTH_SHARE * told.mean.abs());
+    let is_larger = change.abs() > told.mean.abs() && is_further(told.mean.abs(), differs);
     let has_turned = change * told.mean < 0.0 && change.abs() > LEAST_GROWTH.max(CERTAIN_SD * sd);
     is_certain && (is_larger || has_turned)
 }

@@ -12,6 +12,7 @@
 //! Two records decide; one, if three modes or more agree on a loss of a fifth that shows in the frequencies themselves.
 
 use super::change::SIGNAL_NOT_AXIAL_P;
+use super::further::Further;
 use super::tracker::{LOSS_RECORDS, Tracker};
 use super::verdict::AtReference;
 use crate::signal::record::Timestamp;
@@ -108,6 +109,9 @@ pub struct Before {
     sd: f64,
     /// Time of that record.
     pub(super) since: Timestamp,
+    /// Loss that was told last; `None` before one is, and from earlier versions.
+    #[serde(default)]
+    pub(super) told: Option<f64>,
 }
 
 impl Before {
@@ -124,6 +128,7 @@ impl Before {
         Self {
             mean: (1.0 + self.mean) * share - 1.0,
             sd: self.sd * share,
+            told: self.told.map(|told| told * share),
             ..self
         }
     }
@@ -276,10 +281,11 @@ impl Tracker {
         let stands = self.state.watches.stands(Cause::Loss);
         let is_recent = |before: &Before| stands || time.seconds_since(before.since) <= CONFIRMS_S;
         let kept = self.state.before.filter(is_recent);
-        let before = kept.unwrap_or(Before {
+        let mut before = kept.unwrap_or(Before {
             mean: law.mean,
             sd: law.sd,
             since: time,
+            told: None,
         });
         let measured = Loss {
             mean: before.mean - fall.ratio,
@@ -305,7 +311,22 @@ impl Tracker {
         if stands && known.is_none() && self.shows_beside_others(limit) {
             holds = holds.filter(|holds| *holds);
         }
+        let is_further = !stands && known.is_none() && self.state.holds(Kind::Limit);
         self.find_loss(holds, loss, decides, time);
+        if !self.state.watches.stands(Cause::Loss) {
+            self.state.watches.end(Cause::Further);
+        } else if is_further {
+            self.tell_further_loss(loss.least(), time);
+        } else if known.is_none() {
+            let again = Loss::from_law(fall.ratio, &law);
+            let further = Further {
+                total: measured.mean,
+                least: measured.least(),
+                is_certain: again.exceeds(limit),
+                decides: is_trusted && again.least() >= DECIDES_ALONE,
+            };
+            self.look_at_further_loss(&mut before, further, time);
+        }
         let is_kept = holds == Some(true) || (kept.is_some() && self.state.watches.stands(Cause::Loss));
         self.state.before = is_kept.then_some(before);
     }
@@ -455,9 +476,11 @@ mod tests {
             mean: 0.02,
             sd: 0.01,
             since: Timestamp::from_nanos(0),
+            told: Some(0.2),
         };
         // The force of the first baseline is 1.25 times that of the second.
         let scaled = before.scaled(1.25);
         assert!((scaled.mean - 0.275).abs() < 1e-12 && (scaled.sd - 0.0125).abs() < 1e-12);
+        assert_eq!(scaled.told, Some(0.25));
     }
 }

@@ -21,6 +21,7 @@
 mod change;
 mod early;
 mod explain;
+mod further;
 mod growth;
 mod intake;
 mod learning;

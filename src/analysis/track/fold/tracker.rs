@@ -307,7 +307,7 @@ impl Tracker {
         let alarm = &self.plan.alarm;
         let raise = match cause {
             Cause::Unusable | Cause::NoTemperature => alarm.sensor_records,
-            Cause::Loss => LOSS_RECORDS.min(alarm.confirm),
+            Cause::Loss | Cause::Further => LOSS_RECORDS.min(alarm.confirm),
             Cause::Suspicion => 1,
             _ => alarm.confirm,
         };

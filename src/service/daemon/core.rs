@@ -12,6 +12,7 @@ use super::silence::Silence;
 use super::vigil::Vigil;
 use crate::analysis::outcome::Outcome;
 use crate::analysis::signal::record::{Rejection, RodId, Timestamp};
+use crate::config::RodConfig;
 use crate::recording::note;
 use crate::recording::read::Place;
 use crate::recording::read::{SourceError, Summary};
@@ -149,9 +150,14 @@ impl Core {
             notify,
         };
         core.left_out.retain(&core.generation.config, &core.health);
-        for rod in core.generation.config.rods.iter().map(|rod| &rod.analysis.rod) {
-            if core.health.lasts(Fault::Topic, &overlap::about(rod)) {
-                core.overlaps.resume(rod);
+        for condition in core.health.conditions() {
+            if condition.fault != Fault::Topic || !overlap::is_about(&condition.about) {
+                continue;
+            }
+            let mut rods = core.generation.config.rods.iter();
+            match rods.find(|rod| overlap::about(&rod.analysis.rod) == condition.about) {
+                Some(rod) if may_overlap(rod) => core.overlaps.resume(&rod.analysis.rod),
+                _ => core.health.over(Fault::Topic, &condition.about),
             }
         }
         core.listen(silent_from);
@@ -344,7 +350,10 @@ impl Core {
             }
         }
         self.left_out.retain(&generation.config, &self.health);
-        let is_configured = |rod: &RodId| generation.config.rods.iter().any(|own| own.analysis.rod == *rod);
+        let is_configured = |rod: &RodId| {
+            let mut rods = generation.config.rods.iter();
+            rods.any(|own| own.analysis.rod == *rod && may_overlap(own))
+        };
         for rod in self.overlaps.retain(is_configured) {
             self.health.over(Fault::Topic, &overlap::about(&rod));
         }
@@ -422,6 +431,11 @@ impl Core {
     fn about(&self) -> String {
         self.store.display().to_string()
     }
+}
+
+/// True for a rod with one sensor: records of several are meant to be of the same time.
+fn may_overlap(rod: &RodConfig) -> bool {
+    rod.channels.sensors().count() == 1
 }
 
 /// Puts an item into the site; returns the result if it is a new record.

@@ -54,8 +54,8 @@ use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 use tokio::runtime::Runtime;
@@ -144,6 +144,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         config,
         Arc::clone(&telemetry.health),
         options.given_up.clone(),
+        unopened.pending(),
         sender.clone(),
     )?;
     let daemon = Daemon {
@@ -246,7 +247,6 @@ impl Daemon<'_> {
                     tracing::info!("stopping");
                     notify::stopping();
                     telemetry.enter(Phase::Stopping);
-                    unopened.iter().for_each(Unopened::leave);
                     let result = running.map_or(Ok(()), |running| running.drain(runtime, events));
                     return result.map(|()| ExitCode::SUCCESS).map_err(Into::into);
                 }
@@ -336,11 +336,12 @@ fn open(
     config: Config,
     health: Arc<Health>,
     given_up: Vec<String>,
+    pending: Arc<Mutex<String>>,
     sender: Sender<LifecycleEvent>,
 ) -> io::Result<()> {
     let work = move || {
         let generation = prepared(config)?;
-        let site = opening::open_patiently(&generation, &health, &given_up)?;
+        let site = opening::open_patiently(&generation, &health, &given_up, &pending)?;
         Ok((generation, Box::new(site)))
     };
     beside("open", sender, work, LifecycleEvent::Opened)

@@ -5,9 +5,10 @@ use crate::service::telemetry::{Fault, Health};
 use crate::site::baselines::{self, BaselineError};
 use crate::site::clock;
 use crate::site::prepared::Generation;
-use crate::site::store::{ConditionEvent, Durability, Store, StoreError};
+use crate::site::store::{self, ConditionEvent, Durability, Store, StoreError};
 use crate::site::trackers::{self, Site};
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -33,10 +34,10 @@ fn open_store(path: &Path, health: &Health) -> Result<Store, StoreError> {
              acknowledgements and baselines asked for must be repeated",
             aside.display()
         );
+        health.hold(Fault::StoreDamaged, &about, &detail);
         // In the new store before anything else: nothing there would show it after a kill.
         let notice = ConditionEvent::raised(Fault::StoreDamaged.code(), &about, clock::now(), &detail);
         store.watch(&[notice], None)?;
-        health.hold(Fault::StoreDamaged, &about, detail);
     }
     Ok(store)
 }
@@ -63,7 +64,8 @@ fn site_on(mut store: Store, generation: &Generation, health: &Health) -> Result
 }
 
 /// As [`open_site`] of the configuration's store, but waits while the disk is full, and briefly for another
-/// process such as `tirante ack`.
+/// process such as `tirante ack`. Meanwhile it keeps beside the store the line `pending` for the next daemon: no other thread may take the
+/// lock.
 ///
 /// # Errors
 /// Another process holds the store, it cannot be opened, or the configuration would drop a baseline of a rod
@@ -72,6 +74,7 @@ pub fn open_patiently(
     generation: &Generation,
     health: &Health,
     given_up: &[String],
+    pending: &Mutex<String>,
 ) -> Result<Site, BaselineError> {
     // A daemon's configuration names one.
     let path = generation.config.store.path.clone().unwrap_or_default();
@@ -92,6 +95,12 @@ pub fn open_patiently(
             Err(BaselineError::Store(error)) if error.is_disk_full() => {
                 let detail = format_args!("{about}: no room on the disk ({error}); waiting for it");
                 health.hold(Fault::DiskFull, &about, detail);
+                let line = pending.lock().unwrap_or_else(PoisonError::into_inner);
+                if *line != store::left(&path)
+                    && let Some(reserved) = store::reserve(&path)
+                {
+                    reserved.tell(&line, "");
+                }
             }
             Err(error) => return Err(error),
         }

@@ -7,20 +7,21 @@ use crate::service::alert::{Conditions, Couriers};
 use crate::service::telemetry::Telemetry;
 use crate::site::clock;
 use crate::site::store::{self, ConditionEvent, StoreError};
-use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// A daemon before it has its store.
 pub struct Unopened {
     sinks: Vec<SinkSettings>,
     site: String,
-    store: PathBuf,
     telemetry: Telemetry,
     conditions: Conditions,
     /// Started with the first message: most starts have none.
     couriers: Option<Couriers>,
-    /// Begins told whose end was not.
+    /// Begins told, by the daemon before too.
     told: Vec<ConditionEvent>,
+    /// These, as they are kept beside the store.
+    line: Arc<Mutex<String>>,
 }
 
 impl Unopened {
@@ -32,24 +33,31 @@ impl Unopened {
         Self {
             sinks: config.sinks.clone(),
             site: config.site.clone(),
-            store,
             telemetry: telemetry.clone(),
             conditions: Conditions::new(settle, told.clone()),
             couriers: None,
+            line: Arc::new(Mutex::new(pending::line(&told))),
             told,
         }
     }
 
-    /// Tells what begins and ends to last; called every second.
+    /// Tells what begins to last; called every second. The end is the daemon's to tell, once it has its store.
     pub fn look(&mut self) {
         let lasting = self.telemetry.health.conditions();
         for notice in self.conditions.look(&lasting, Instant::now(), clock::now()) {
-            self.couriers().tell(&notice);
-            self.told.retain(|begun| begun.condition != notice.condition);
-            if notice.is_raised {
+            let is_known =
+                |begun: &ConditionEvent| begun.fault == notice.fault && begun.about == notice.about;
+            if notice.is_raised && !self.told.iter().any(is_known) {
+                self.couriers().tell(&notice);
                 self.told.push(notice);
+                *self.line.lock().unwrap_or_else(PoisonError::into_inner) = pending::line(&self.told);
             }
         }
+    }
+
+    /// Line for the next daemon, as it is at any time.
+    pub fn pending(&self) -> Arc<Mutex<String>> {
+        Arc::clone(&self.line)
     }
 
     /// Tells every sink why the start failed; not that another process has the store, which is at work.
@@ -59,16 +67,6 @@ impl Unopened {
         };
         if !self.sinks.is_empty() && !error.chain().any(is_held) {
             self.couriers().tell_end(&format!("{error:#}"));
-        }
-    }
-
-    /// Leaves to the next daemon what was told: this one is stopped before it has its store.
-    pub fn leave(&self) {
-        let line = pending::line(&self.told);
-        if line != store::left(&self.store)
-            && let Some(reserved) = store::reserve(&self.store)
-        {
-            reserved.tell(&line, "");
         }
     }
 

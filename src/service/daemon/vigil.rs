@@ -88,10 +88,10 @@ impl Vigil {
             }
         }
         let mut standing = store.standing_notices()?;
+        standing.extend(unkept.iter().cloned());
         standing
             .iter()
             .for_each(|notice| stands_on(notice, config, &health));
-        standing.extend(unkept.iter().cloned());
         let mut silent_from = wall;
         match (began, last) {
             (Began::Even, _) | (_, None) => {}

@@ -5,11 +5,15 @@ use super::desk::*;
 use super::fake::Fake;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use tirante::analysis::signal::record::RodId;
 use tirante::config::Config;
 use tirante::service::daemon::core::Core;
+use tirante::service::telemetry::{Fault, Health};
+use tirante::site::clock;
 use tirante::site::driver::{Done, Job};
+use tirante::site::overlap;
 use tirante::site::prepared::Generation;
-use tirante::site::store::{Durability, Store};
+use tirante::site::store::{ConditionEvent, Durability, Store};
 use tirante::site::trackers::Site;
 
 fn generation(sinks: &str) -> Arc<Generation> {
@@ -50,4 +54,27 @@ fn what_happens_before_the_first_look_of_a_courier_is_told() {
         assert_eq!(field(&sink.bodies(), "alarm"), expected, "{id}");
     }
     couriers.stop();
+}
+
+/// Records that overlapped before a restart: of a rod that has one sensor they go on, others have nothing that would end them.
+#[test]
+fn overlaps_of_rods_that_are_gone_are_over_after_a_restart() {
+    let (folder, generation) = (tempfile::tempdir().unwrap(), generation(""));
+    let rod = &generation.config.rods[0].analysis.rod;
+    let mut store = Store::open(&folder.path().join("site.db"), Durability::Replay).unwrap();
+    let abouts = [overlap::about(rod), overlap::about(&RodId("renamed".to_owned()))];
+    let notices = abouts
+        .clone()
+        .map(|about| ConditionEvent::raised("topic", &about, clock::now(), "two sensors"));
+    store.watch(&notices, None).unwrap();
+    let plans = generation.track_plans.iter().cloned();
+    let site = Site::open(plans, store, generation.provenance()).unwrap();
+    let flags = (Arc::<AtomicBool>::default(), Arc::<AtomicBool>::default());
+    let health = Arc::<Health>::default();
+    let (own, known) = (Arc::clone(&generation), Arc::clone(&health));
+    let _core = Core::new(site, own, known, flags, Vec::new(), Box::new(|_| ())).unwrap();
+    assert_eq!(
+        abouts.map(|about| health.lasts(Fault::Topic, &about)),
+        [true, false]
+    );
 }

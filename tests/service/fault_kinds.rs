@@ -701,6 +701,16 @@ fn a_broker_knows_that_the_daemon_died() {
     assert_eq!(state(), "stopped");
 }
 
+/// Puts the store of a site onto its small disk.
+fn store_on_small_disk(site: &Site) {
+    let config = fs::read_to_string(site.path("site.toml")).unwrap();
+    fs::write(
+        site.path("site.toml"),
+        config.replace("\"site.db\"", "\"small/site.db\""),
+    )
+    .unwrap();
+}
+
 #[test]
 fn disk_full() {
     let site = daemon_site();
@@ -709,12 +719,7 @@ fn disk_full() {
         eprintln!("skipped: no file system can be mounted here");
         return;
     };
-    let config = fs::read_to_string(site.path("site.toml")).unwrap();
-    fs::write(
-        site.path("site.toml"),
-        config.replace("\"site.db\"", "\"small/site.db\""),
-    )
-    .unwrap();
+    store_on_small_disk(&site);
     let fake = Fake::new(&[]);
     with_sink(&site, &fake);
     let mut daemon = Daemon::ready(&site);
@@ -769,12 +774,7 @@ fn a_disk_that_is_full_at_the_start() {
         eprintln!("skipped: no file system can be mounted here");
         return;
     };
-    let config = fs::read_to_string(site.path("site.toml")).unwrap();
-    fs::write(
-        site.path("site.toml"),
-        config.replace("\"site.db\"", "\"small/site.db\""),
-    )
-    .unwrap();
+    store_on_small_disk(&site);
     let fake = Fake::new(&[]);
     with_sink(&site, &fake);
     let stop = |mut daemon: Daemon| {

@@ -90,7 +90,7 @@ impl Hub<'_> {
     }
 }
 
-/// What would come of the sites of one thread.
+/// Sites of one thread, folded without a database.
 struct Share {
     fold: Fold,
     lines: Lines,

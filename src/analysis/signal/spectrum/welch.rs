@@ -57,7 +57,7 @@ struct Planners {
     lengths: BTreeSet<(usize, Kept)>,
 }
 
-/// What is kept of a length.
+/// Kind of thing kept of a length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Kept {
     Real,

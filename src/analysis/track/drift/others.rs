@@ -112,6 +112,10 @@ pub trait Neighbour: Debug + Sync {
     /// Number of the last period that ended; `None` before the first.
     fn last_period(&self) -> Option<i64>;
 
+    /// Usual distance from one of its periods to the next, in periods: 1 if it is measured in each of them, 14 in daily ones if somebody
+    /// comes every fortnight.
+    fn usual_distance(&self) -> i64;
+
     /// Evidence of a change of its own that began after a time \[d\], given all that is known.
     fn evidence(&self, since: Option<f64>) -> f64;
 
@@ -196,11 +200,12 @@ impl<'a> Others<'a> {
         self.0.iter().filter_map(|rod| rod.last_period()).max()
     }
 
-    /// Those of which a period ended of late: what a rod showed before its sensor died counts no more.
+    /// Those of which a period ended of late, by their own rhythm: what a rod showed before its sensor died counts no more.
     fn followed(&self, index: i64) -> impl Iterator<Item = &dyn Neighbour> {
-        let is_recent = move |last: i64| index.saturating_sub(last) <= i64::from(PATIENCE);
-        let followed = self.0.iter().copied();
-        followed.filter(move |rod| rod.last_period().is_some_and(is_recent))
+        self.0.iter().copied().filter(move |rod| {
+            let patience = i64::from(PATIENCE) * rod.usual_distance();
+            (rod.last_period()).is_some_and(|last| index.saturating_sub(last) <= patience)
+        })
     }
 
     /// Number of them that show the same movement or begin to, or were reported to have moved together.

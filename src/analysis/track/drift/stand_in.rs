@@ -57,6 +57,9 @@ impl Neighbour for Rod {
     fn last_period(&self) -> Option<i64> {
         self.last
     }
+    fn usual_distance(&self) -> i64 {
+        1
+    }
     fn evidence(&self, since: Option<f64>) -> f64 {
         let is_younger = |moved: &Moved| since.is_none_or(|since| moved.day > since);
         self.moved.filter(is_younger).map_or(0.0, |_| 2.0 * MOVING)

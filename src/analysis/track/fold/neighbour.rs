@@ -11,6 +11,9 @@ use crate::track::drift::watch::{DriftWatch, Witness};
 /// Periods after an alarm within which the size of its change may be unknown: a large one is sure within three.
 const DOUBT_PERIODS: i64 = 5;
 
+/// Distances between the latest periods of which the median is usual: most of them are of the rhythm in which it is measured now.
+const DISTANCES: usize = 9;
+
 impl Neighbour for State {
     fn name(&self) -> &str {
         &self.rod.0
@@ -68,6 +71,18 @@ impl Neighbour for State {
 
     fn last_period(&self) -> Option<i64> {
         self.closed
+    }
+
+    fn usual_distance(&self) -> i64 {
+        let latest = &self.periods[self.periods.len().saturating_sub(DISTANCES + 1)..];
+        let mut distances: Vec<i64> = latest
+            .windows(2)
+            .map(|pair| pair[1].index - pair[0].index)
+            .collect();
+        distances.sort_unstable();
+        distances
+            .get(distances.len() / 2)
+            .map_or(1, |usual| (*usual).max(1))
     }
 
     fn evidence(&self, since: Option<f64>) -> f64 {

@@ -159,7 +159,15 @@ pub fn decode(label: &Label, payload: &[u8]) -> Result<Vec<Change>, MessageError
     }
     let body: Body = serde_json::from_slice(&text).map_err(|error| broken(error.to_string()))?;
     let mut changes = Vec::new();
-    for (expected, (number, rows)) in (label.first..).zip(body.commits) {
+    // Up to the last one: a label may begin at the largest number there is.
+    if label.last - label.first != i64::try_from(body.commits.len()).unwrap_or(i64::MAX) - 1 {
+        let count = body.commits.len();
+        return Err(broken(format!(
+            "it holds {count} commits, not those from {} to {}",
+            label.first, label.last
+        )));
+    }
+    for (expected, (number, rows)) in (label.first..=label.last).zip(body.commits) {
         if number != expected {
             return Err(broken(format!(
                 "commit {number} stands in the place of {expected}"
@@ -174,9 +182,6 @@ pub fn decode(label: &Label, payload: &[u8]) -> Result<Vec<Change>, MessageError
             })
             .collect();
         changes.push(Change { number, rows: rows? });
-    }
-    if changes.last().map(|change| change.number) != Some(label.last) {
-        return Err(broken(format!("it does not end with commit {}", label.last)));
     }
     Ok(changes)
 }
@@ -271,6 +276,19 @@ mod tests {
         let sent = encode(&changes()).unwrap();
         for wrong in [label(6, 8), label(7, 9), label(7, 7), label(8, 9)] {
             assert!(decode(&wrong, &sent).is_err(), "{wrong:?}");
+        }
+        let one = |number: i64| {
+            let rows = Vec::new();
+            [Change { number, rows }]
+        };
+        let most = i64::MAX;
+        assert_eq!(
+            decode(&label(most, most), &encode(&one(most)).unwrap()).unwrap(),
+            one(most)
+        );
+        let none = encode(&[]).unwrap();
+        for wrong in [label(most, most), label(1, most), label(7, 8)] {
+            assert!(decode(&wrong, &none).is_err(), "{wrong:?}");
         }
         let newer = Label {
             format: FORMAT + 1,

@@ -7,11 +7,24 @@ use super::tables::{Copied, month_of};
 use rusqlite::types::Value;
 use std::collections::{BTreeMap, BTreeSet};
 
+/// A row of a commit that is folded already: the database must have it so.
+#[derive(Debug)]
+pub(super) struct Claim {
+    /// Commit that wrote it.
+    pub commit: i64,
+    /// Value of its key, and its checksum.
+    pub row: (Value, i64),
+}
+
 /// Content of one transaction.
 #[derive(Debug, Default)]
 pub struct Batch {
     /// Rows to write by table and key: the last one of a key counts.
     pub(super) rows: BTreeMap<(usize, String), Vec<Value>>,
+    /// Rows to be there when it is written, by table, site and store.
+    pub(super) claims: BTreeMap<(usize, String, i64), Vec<Claim>>,
+    /// Number of them.
+    claimed: usize,
     /// Rods without records that were removed: site, store, rod.
     pub(super) forgotten: Vec<(String, i64, String)>,
     pub(super) months: BTreeSet<i64>,
@@ -69,6 +82,13 @@ impl Batch {
         self.rows.insert((table, key), values);
     }
 
+    /// Adds a row of a copied table that must be there when this is written.
+    pub(super) fn claim(&mut self, table: usize, (site, store): (&str, i64), claim: Claim) {
+        let of = self.claims.entry((table, site.to_owned(), store)).or_default();
+        of.push(claim);
+        self.claimed += 1;
+    }
+
     /// Removes the rows of a rod without records, also those of this batch.
     pub fn forget(&mut self, copied: &[Copied], site: &str, store: i64, rod: &str) {
         let is_of_rod = |values: &[Value]| {
@@ -90,7 +110,7 @@ impl Batch {
         /// A second's work of a slow database: nothing waits longer for its commit.
         const ROWS: usize = 5000;
         let parked: usize = self.parked.iter().map(|parked| parked.payload.len()).sum();
-        self.bytes + parked >= ENOUGH || self.rows.len() >= ROWS
+        self.bytes + parked >= ENOUGH || self.rows.len() + self.claimed >= ROWS
     }
 
     /// Number of rows of a table, by site and store.
@@ -106,6 +126,10 @@ impl Batch {
 
     /// True if there is nothing to write but perhaps the position.
     pub fn is_empty(&self) -> bool {
-        self.rows.is_empty() && self.sites.is_empty() && self.parked.is_empty() && self.taken_up.is_empty()
+        self.rows.is_empty()
+            && self.claims.is_empty()
+            && self.sites.is_empty()
+            && self.parked.is_empty()
+            && self.taken_up.is_empty()
     }
 }

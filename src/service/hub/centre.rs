@@ -1,6 +1,6 @@
 //! The centre's database: what it knows of each site, and a batch of messages written as one transaction.
 
-use super::batch::Batch;
+use super::batch::{Batch, Claim};
 use super::beats::Heard;
 use super::park::write_parked;
 use super::sql::{Sql, SqlError, integer, text};
@@ -303,6 +303,11 @@ impl Centre {
                 rows = later;
             }
         }
+        for ((table, site, store), claims) in batch.claims {
+            if let Some(copied) = self.copied.get(table) {
+                confirm(sql, copied, (&site, store), &claims)?;
+            }
+        }
         for (site, state) in batch.sites {
             write_site(sql, &site, state)?;
         }
@@ -396,6 +401,46 @@ impl Centre {
         }
         Ok(self.sql.batch(&(all + "COMMIT;"))?)
     }
+}
+
+/// Refuses rows that are not in the database as they are claimed: the store that wrote their commits is not the one that goes on.
+fn confirm(
+    sql: &mut dyn Sql,
+    copied: &Copied,
+    (site, store): (&str, i64),
+    claims: &[Claim],
+) -> Result<(), SqlError> {
+    let Some(key) = copied.own_key() else {
+        return Ok(());
+    };
+    let table = copied.shape.table;
+    for claims in claims.chunks(TOGETHER) {
+        let places: Vec<String> = (0..claims.len()).map(|place| format!("${}", place + 3)).collect();
+        let question = format!(
+            "SELECT \"{key}\", \"checksum\" FROM \"{table}\" WHERE \"site\" = $1 AND \"store\" = $2 AND \"{key}\" IN ({})",
+            places.join(", ")
+        );
+        let keys = claims.iter().map(|claim| claim.row.0.clone());
+        let values: Vec<Value> = [Value::Text(site.to_owned()), Value::Integer(store)]
+            .into_iter()
+            .chain(keys)
+            .collect();
+        let found = sql.query(&question, &values)?;
+        for Claim {
+            commit,
+            row: (value, checksum),
+        } in claims
+        {
+            let is_there = |row: &Vec<Value>| row.first() == Some(value) && integer(row.get(1)) == *checksum;
+            if !found.iter().any(is_there) {
+                return Err(SqlError::Contradiction(format!(
+                    "commit {commit} is folded already, and wrote another row of table {table}: the store was set back to a copy and \
+                     went on from there; begin a new store at the site"
+                )));
+            }
+        }
+    }
+    Ok(())
 }
 
 fn write_beat(sql: &mut dyn Sql, site: &str, heard: &Heard) -> Result<(), SqlError> {

@@ -26,8 +26,12 @@ use tokio::sync::watch;
 
 /// Most copies at once, those that are being ended among them: each has a thread and a connection to the database.
 const MOST: usize = 8;
-/// Interval at which a copy is brought up to date, and time after which one that nobody asks for goes.
-const PACE: (Duration, Duration) = (Duration::from_secs(2), Duration::from_secs(3600));
+/// Interval at which a copy that is looked at is brought up to date, and time after which one that nobody asks for goes.
+const PACE: (Duration, Duration) = (Duration::from_millis(300), Duration::from_secs(3600));
+
+/// Time without a question after which nobody looks, and by how much the interval is longer then.
+const WATCHED: Duration = Duration::from_secs(60);
+const UNWATCHED: u32 = 7;
 
 type Pages = TowerToHyperService<Router>;
 
@@ -277,12 +281,13 @@ impl Work {
         loop {
             copy.renew(&mut centre, &|| self.is_stopped())?;
             *self.copy.state() = State::Ready;
-            let until = Instant::now() + renew;
-            while Instant::now() < until && !self.is_stopped() {
-                thread::sleep(Duration::from_millis(100));
-            }
             if self.api.has_listeners() {
                 *self.copy.asked() = Instant::now();
+            }
+            let is_watched = self.copy.asked().elapsed() < WATCHED;
+            let until = Instant::now() + if is_watched { renew } else { renew * UNWATCHED };
+            while Instant::now() < until && !self.is_stopped() {
+                thread::sleep(Duration::from_millis(50));
             }
             if self.is_stopped() || self.copy.asked().elapsed() > unasked {
                 return Ok(());

@@ -280,15 +280,16 @@ pub fn number(message: &Incoming) -> u64 {
     u64::try_from(message.sequence).unwrap_or(0)
 }
 
+/// Warning of a hub or worker that is told of no monitoring.
+pub const UNSEEN: &str = "whether the server flushes each message (sync_interval: always) cannot be seen: name its monitoring as [nats] monitor";
+
 /// Checks with the servers' monitoring that each flushes a message to the disk before it acknowledges it. Of a cluster some may be gone.
 ///
 /// # Errors
 /// One does not, or no monitoring can be read.
 pub fn check_flushing(monitors: &[String]) -> Result<(), LinkError> {
     if monitors.is_empty() {
-        tracing::warn!(
-            "the hub cannot see whether the server flushes each message (sync_interval: always): name its monitoring as [nats] monitor"
-        );
+        tracing::warn!("{UNSEEN}");
         return Ok(());
     }
     let mut silent = Vec::new();

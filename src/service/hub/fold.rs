@@ -8,17 +8,21 @@ use super::rows::Rows;
 use super::tables::{self, Copied};
 use super::text::fit;
 use crate::service::forward::message::{self, Label, MessageError};
-use crate::site::store::Change;
+use crate::site::store::{Change, FORMAT};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Fault of a site of which commits are missing.
 pub const GAP: &str = "gap";
 /// Fault of a site whose replaced store still sends.
 pub const REPLACED: &str = "replaced-store";
+/// Fault of a site whose store was set back to a copy and went on from there.
+pub const JUMP_BACK: &str = "jump-back";
 /// Fault of a site whose message cannot be read.
 pub const UNREADABLE: &str = "unreadable";
 /// Fault of a site whose store is of a newer format.
 pub const NEWER: &str = "newer-format";
+/// Fault of a site whose store is of an older format with other columns.
+pub const OLDER: &str = "older-format";
 /// Fault of a site that is not on the list.
 pub const UNLISTED: &str = "unlisted";
 
@@ -42,6 +46,8 @@ pub struct Fold {
     rows: Rows,
     sites: BTreeMap<String, SiteState>,
     overruled: BTreeMap<String, i64>,
+    /// Stores of sites that went on from a copy.
+    set_back: BTreeSet<(String, String)>,
 }
 
 impl Fold {
@@ -57,6 +63,14 @@ impl Fold {
             listed,
             sites,
             overruled,
+            set_back: BTreeSet::new(),
+        }
+    }
+
+    /// Folds nothing more of the store of this message, which contradicts what is folded.
+    pub fn set_back(&mut self, message: &Incoming) {
+        if let Ok(label) = message.label() {
+            self.set_back.insert((message.site().to_owned(), label.epoch));
         }
     }
 
@@ -222,8 +236,33 @@ impl Fold {
             );
             return Err((GAP, detail));
         }
+        if label.last > through && self.set_back.contains(&(site.to_owned(), label.epoch.clone())) {
+            let detail = format!(
+                "store {} was set back to a copy, and commit {} follows one that contradicts what is folded; begin a new store at the site",
+                label.epoch, label.first
+            );
+            return Err((JUMP_BACK, detail));
+        }
+        // Rows of another format have other checksums.
+        let claims = if label.format == FORMAT {
+            changes.as_slice()
+        } else {
+            &[]
+        };
+        let claims = self.rows.claims(claims, through);
+        let claims = claims.map_err(|detail| (UNREADABLE, detail))?;
         let rows = self.rows.check(&changes, through);
-        let rows = rows.map_err(|detail| (UNREADABLE, detail))?;
+        let rows = rows.map_err(|detail| {
+            if label.format == FORMAT {
+                return (UNREADABLE, detail);
+            }
+            let detail = format!(
+                "it is of store format {}, and this program writes {FORMAT}: update the site, and have it send again from commit {} \
+                 (resend); {detail}",
+                label.format, label.first
+            );
+            (OLDER, detail)
+        })?;
         if label.last > through {
             history.through = label.last;
             history.sequence = came.sequence;
@@ -236,6 +275,9 @@ impl Fold {
         for row in rows {
             row.put(&self.rows, batch, (site, history.store));
         }
+        for (table, claim) in claims {
+            batch.claim(table, (site, history.store), claim);
+        }
         batch.sites.insert(site.to_owned(), state.clone());
         self.sites.insert(site.to_owned(), state);
         Ok((label.last - through).max(0))
@@ -246,8 +288,10 @@ impl Fold {
 mod tests {
     use super::*;
     use crate::analysis::signal::record::{RodId, Timestamp};
-    use crate::service::hub::post::{Post, SITES, store};
-    use crate::site::store::Asked;
+    use crate::service::hub::centre::CentreError;
+    use crate::service::hub::post::{self, Post, SITES, store};
+    use crate::service::hub::sql::SqlError;
+    use crate::site::store::{Asked, ConditionEvent, Store};
 
     #[test]
     fn a_repeated_message_adds_nothing_and_an_overlapping_one_its_end() {
@@ -264,6 +308,41 @@ mod tests {
         post.again(&SITES);
         assert_eq!(*post.fold.sites(), before);
         assert!(post.folder.path().exists());
+    }
+
+    #[test]
+    fn commits_that_come_again_with_another_content_are_refused_and_what_follows_them_is_parked() {
+        let (mut post, store) = (Post::new(), store());
+        let whole = post.of("todi", &store, 1, 6);
+        post.send(&whole);
+        // The copy has the first five of them, and went on otherwise.
+        let mut changes = store.changes_after(0, 5).unwrap();
+        let mut copy = Store::in_memory().unwrap();
+        for at in 0..7 {
+            let begun = ConditionEvent::raised("sink", "mail", Timestamp::from_nanos(at), "out of reach");
+            copy.watch(&[begun], None).unwrap();
+        }
+        changes.extend(copy.changes_after(5, 2).unwrap());
+        let epoch = store.epoch().unwrap().unwrap();
+        let equal = post.with("todi", &epoch, 1, 5, &changes[..5]);
+        assert_eq!(post.send(&equal), Judged::Known);
+        for first in [1, 6] {
+            let again = post.with("todi", &epoch, first, 6, &changes[first as usize - 1..6]);
+            let mut batch = Batch::default();
+            assert_eq!(post.fold.take(&again, &mut batch), Judged::Known);
+            let refused = post.centre.commit(batch);
+            assert!(
+                matches!(refused, Err(CentreError::Sql(SqlError::Contradiction(_)))),
+                "{refused:?}"
+            );
+            post.fold.set_back(&again);
+        }
+        let after = post.with("todi", &epoch, 7, 7, &changes[6..]);
+        assert!(matches!(post.send(&after), Judged::Parked(JUMP_BACK, _)));
+        // A store begun anew is another history.
+        let new = post::store();
+        let new = post.of("todi", &new, 1, 6);
+        assert_eq!(post.send(&new), Judged::Folded(6));
     }
 
     #[test]

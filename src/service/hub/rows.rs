@@ -1,10 +1,13 @@
 //! Rows of a message, each checked against its table: what is put into the database is what a site's store may hold.
 
-use super::batch::Batch;
+use super::batch::{Batch, Claim};
 use super::tables::Copied;
 use crate::site::store::{Change, Column, FORGOTTEN, is_intact};
 use rusqlite::types::Value;
 use std::collections::HashMap;
+
+/// Tables whose rows are written once and kept, each with a key of one column.
+const KEPT: [&str; 4] = ["config", "record", "outbox", "notice"];
 
 /// Longest text in a key \[bytes\]: names are at most 255, and PostgreSQL's indices take some 2700 in a row.
 const LONGEST_KEY: usize = 600;
@@ -66,6 +69,42 @@ impl Rows {
                 .collect(),
             copied,
         }
+    }
+
+    /// Rows of the commits up to `through` that are written once and kept, with the place of their table: what tells a store from its
+    /// own copy. They are those of a store's mark.
+    ///
+    /// # Errors
+    /// One of them is no row of its table.
+    pub fn claims(&self, changes: &[Change], through: i64) -> Result<Vec<(usize, Claim)>, String> {
+        let mut claims = Vec::new();
+        for change in changes.iter().take_while(|change| change.number <= through) {
+            for row in change
+                .rows
+                .iter()
+                .filter(|row| KEPT.contains(&row.table.as_str()))
+            {
+                let place = self.places.get(row.table.as_str()).copied();
+                let copied = place.and_then(|place| Some((place, self.copied.get(place)?)));
+                let Some((place, copied)) = copied else { continue };
+                check_values(&copied.shape.columns, &row.values).map_err(|what| {
+                    format!("commit {}: a row of table {}: {what}", change.number, row.table)
+                })?;
+                let mut columns = copied.shape.columns.iter().zip(&row.values);
+                let key = columns.find(|(column, _)| column.key > 0);
+                if let (Some((_, key)), Some(Value::Integer(checksum))) = (key, row.values.last()) {
+                    let row = (key.clone(), *checksum);
+                    claims.push((
+                        place,
+                        Claim {
+                            commit: change.number,
+                            row,
+                        },
+                    ));
+                }
+            }
+        }
+        Ok(claims)
     }
 
     /// Rows of the commits after `through`, each checked against its table.

@@ -15,6 +15,9 @@ pub enum SqlError {
     /// PostgreSQL takes the statement, and not the values.
     #[error("{0}")]
     Content(String),
+    /// A commit that is folded already comes again with another content.
+    #[error("{0}")]
+    Contradiction(String),
     /// Another transaction holds the row for longer than is waited.
     #[error("{0}")]
     Busy(String),
@@ -46,7 +49,7 @@ impl SqlError {
     /// True if the database would take another content: the same again is refused again.
     pub fn is_of_content(&self) -> bool {
         match self {
-            Self::Content(_) => true,
+            Self::Content(_) | Self::Contradiction(_) => true,
             Self::Sqlite(error) => matches!(
                 error.sqlite_error_code(),
                 Some(ErrorCode::ConstraintViolation | ErrorCode::TooBig | ErrorCode::TypeMismatch)

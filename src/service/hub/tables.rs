@@ -97,6 +97,13 @@ impl Copied {
         key
     }
 
+    /// The one column of the store's own key; `None` if it has several.
+    pub fn own_key(&self) -> Option<&str> {
+        let mut own = self.shape.columns.iter().filter(|column| column.key > 0);
+        let key = own.next()?;
+        own.next().is_none().then_some(key.name.as_str())
+    }
+
     fn definition(&self, is_postgres: bool) -> String {
         let kind = |kind: ValueKind| match (kind, is_postgres) {
             (ValueKind::Integer, true) => "BIGINT",

@@ -21,6 +21,13 @@ pub fn fit(text: &str, most: usize) -> String {
     out
 }
 
+/// A text as the value of a metric's label.
+pub fn label(text: &str) -> String {
+    text.replace('\\', "\\\\")
+        .replace('"', "\\\"")
+        .replace('\n', "\\n")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -3,11 +3,12 @@
 use super::batch::Batch;
 use super::centre::{Centre, CentreError, SiteState};
 use super::commands::Published;
-use super::feed::{Feed, number};
+use super::feed::{self, Feed, number};
 use super::fold::{self, Fold, Judged};
 use super::incoming::Incoming;
 use super::regulator::Regulator;
 use super::silence::Silence;
+use super::sql::SqlError;
 use super::text::fit;
 use super::{ABOUT, Hub, HubError};
 use crate::service::alert::Backoff;
@@ -30,6 +31,9 @@ const PAGE: usize = 64;
 const PAGE_BYTES: usize = 8 << 20;
 /// Longest reason of a message that the database refuses \[bytes\].
 const LONGEST: usize = 500;
+
+/// Subject of the condition of a server whose flushes nobody sees.
+const FLUSHING: &str = "hub/flushing";
 
 /// Subject of the condition of commands that the post does not take.
 const COMMANDS: &str = "hub/commands";
@@ -121,6 +125,13 @@ impl<'h> Work<'h> {
     pub(super) fn open(hub: &'h Hub<'h>) -> Result<Self, HubError> {
         let mut centre = super::open(&hub.config.storage)?;
         let feed = hub.runtime.block_on(Feed::open(hub.config))?;
+        // A server that was begun anew may be a laxer one.
+        feed::check_flushing(&hub.config.monitors)?;
+        if hub.config.monitors.is_empty() {
+            hub.health.hold(Fault::Forward, FLUSHING, feed::UNSEEN.to_owned());
+        } else {
+            hub.health.over(Fault::Forward, FLUSHING);
+        }
         let (sites, overruled) = (forwarding(hub, &mut centre)?, centre.overruled()?);
         let listed = hub.config.sites.iter().map(|site| &site.name);
         let silence = Silence::begin(centre.beats()?, clock::now().as_nanos());
@@ -307,14 +318,20 @@ impl<'h> Work<'h> {
             done => return Ok(done.map(|()| judged)?),
         };
         self.fold.again(forwarding(self.hub, &mut self.centre)?);
-        let detail = fit(&format!("the database refuses it: {error}"), LONGEST);
+        let (fault, detail) = match error {
+            SqlError::Contradiction(detail) => {
+                self.fold.set_back(message);
+                (fold::JUMP_BACK, detail)
+            }
+            error => (fold::UNREADABLE, format!("the database refuses it: {error}")),
+        };
+        let detail = fit(&detail, LONGEST);
         if origin == Origin::Stream {
             let mut batch = Batch::default();
-            self.fold
-                .park(message, fold::UNREADABLE, detail.clone(), &mut batch);
+            self.fold.park(message, fault, detail.clone(), &mut batch);
             self.centre.commit(batch)?;
         }
-        Ok(Judged::Parked(fold::UNREADABLE, detail))
+        Ok(Judged::Parked(fault, detail))
     }
 
     /// Tries the parked messages of every site again: a newer program, or a longer list, may take them, and missing commits may

@@ -99,7 +99,7 @@ fn whatever_is_killed_the_centre_has_the_rows_of_a_replay() {
     let Some(mut fleet) = Fleet::wired(&["todi", "gubbio"], Storage::Postgres) else {
         return;
     };
-    kill_at_random(&mut fleet, KILLS);
+    kill_at_random(&mut fleet, KILLS, 0);
     // Grafana's questions have answers.
     for question in questions() {
         assert!(fleet.rows(&question) > 0, "{question}");
@@ -118,14 +118,15 @@ fn a_campaign_of_kills() {
         let Some(mut fleet) = Fleet::wired(&["todi", "gubbio"], storage) else {
             return;
         };
-        kill_at_random(&mut fleet, share);
+        let seed = std::env::var("SEED").map_or(0, |text| text.parse().unwrap());
+        kill_at_random(&mut fleet, share, seed);
     }
 }
 
 /// Kills sites, hub, post and database and cuts the networks between them, one at a time, and compares the centre with the replays
 /// after each round.
-fn kill_at_random(fleet: &mut Fleet, kills: u32) {
-    let mut generator = random::stream(random::seed(&[b"hub kill"]), 0);
+fn kill_at_random(fleet: &mut Fleet, kills: u32, seed: u64) {
+    let mut generator = random::stream(random::seed(&[b"hub kill"]), seed);
     let mut killed = [0; 6];
     let victims = if fleet.has_server() { 6 } else { 5 };
     fleet.start();

@@ -9,7 +9,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 use tirante::analysis::signal::record::{RodId, Timestamp};
-use tirante::service::forward::message::{Label, encode};
+use tirante::service::forward::message::encode;
 use tirante::site::store::{Change, ChangedRow, ConditionEvent, FORGOTTEN, FORMAT, Store};
 
 /// A client that sends any bytes as headers, which no library lets it do.
@@ -47,12 +47,24 @@ impl Raw {
     }
 }
 
-/// Bytes of the headers of a label, as a site sends them, and perhaps more lines.
-fn headers(epoch: &str, last: i64, more: &[u8]) -> Vec<u8> {
+/// Bytes of the headers of a label, as a site sends them.
+fn headers(epoch: &str, first: i64, last: i64) -> Vec<u8> {
     let text = format!(
-        "NATS/1.0\r\nTirante-N: {last}\r\nTirante-First: 1\r\nTirante-Epoch: {epoch}\r\nTirante-Format: {FORMAT}\r\n"
+        "NATS/1.0\r\nTirante-N: {last}\r\nTirante-First: {first}\r\nTirante-Epoch: {epoch}\r\nTirante-Format: {FORMAT}\r\n\r\n"
     );
-    [text.as_bytes(), more, b"\r\n"].concat()
+    text.into_bytes()
+}
+
+/// A store with some commits, of which all but the first say this.
+fn store_of(said: &str) -> Store {
+    let mut store = Store::in_memory().unwrap();
+    store.keep_config("a", "tower", "text").unwrap();
+    for at in 0..4 {
+        let begun = ConditionEvent::raised("sink", "mail", Timestamp::from_nanos(1 + at), said);
+        store.watch(&[begun], None).unwrap();
+    }
+    store.forget_rod(&RodId("north".to_owned())).unwrap();
+    store
 }
 
 /// The checksum that anybody can compute.
@@ -122,7 +134,7 @@ fn what_one_site_forges_stops_no_other() {
         table: table.to_owned(),
         values,
     };
-    let label = headers("00ff", 1, b"");
+    let label = headers("00ff", 1, 1);
     send(&label, &commit(vec![row("\0", vec![text("\0")])]));
     send(&label, &commit(vec![row(FORGOTTEN, vec![text("\0")])]));
     let long: String = noise(8000)
@@ -140,32 +152,21 @@ fn what_one_site_forges_stops_no_other() {
     record.values.pop();
     record.values.push(checksum(&record.values));
     send(&label, &commit(vec![record]));
+    // Numbers after which there are none.
+    let empty = encode(&[]).unwrap();
+    send(&headers("00ff", i64::MAX, i64::MAX), &empty);
+    send(&headers("00ff", 1, i64::MAX), &empty);
     // More than 16 MB that wait.
     let block = noise(250_000);
     for _ in 0..80 {
         send(&label, &block);
     }
     // In the end what a good site sends.
-    let mut store = Store::in_memory().unwrap();
-    store.keep_config("a", "tower", "text").unwrap();
-    for at in 0..4 {
-        let begun = ConditionEvent::raised("sink", "mail", Timestamp::from_nanos(1 + at), "refused");
-        store.watch(&[begun], None).unwrap();
-    }
-    store.forget_rod(&RodId("north".to_owned())).unwrap();
+    let store = store_of("refused");
+    let epoch = store.epoch().unwrap().unwrap();
     let last = store.latest_change().unwrap();
     let changes = store.changes_after(0, 100).unwrap();
-    let label = Label {
-        epoch: store.epoch().unwrap().unwrap(),
-        first: 1,
-        last,
-        format: FORMAT,
-        mark: String::new(),
-    };
-    raw.publish(
-        &headers(&label.epoch, label.last, b""),
-        &encode(&changes).unwrap(),
-    );
+    raw.publish(&headers(&epoch, 1, last), &encode(&changes).unwrap());
     raw.flush();
 
     let before = fleet.hub_logged();
@@ -199,6 +200,21 @@ fn what_one_site_forges_stops_no_other() {
         assert!(Instant::now() < until, "{}\n{}", site(&fleet), fleet.log());
         std::thread::sleep(Duration::from_millis(50));
     }
+    // A copy of its store that went on otherwise: neither what comes again with another content is folded, nor what follows.
+    let mut copy = store_of("out of reach");
+    let begun = ConditionEvent::raised("sink", "mail", Timestamp::from_nanos(9), "later");
+    copy.watch(&[begun], None).unwrap();
+    let part = |after: i64, count: usize| encode(&copy.changes_after(after, count).unwrap()).unwrap();
+    raw.publish(&headers(&epoch, 3, 4), &part(2, 2));
+    raw.publish(&headers(&epoch, last + 1, last + 1), &part(last, 1));
+    raw.flush();
+    while site(&fleet)["parked"] != count + 3 {
+        assert!(Instant::now() < until, "{}\n{}", site(&fleet), fleet.log());
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert_eq!(site(&fleet)["through"], last);
+    let parked = text_of(&fleet.hub_command(&["parked", "gubbio"]).stdout);
+    assert_eq!(parked.matches("jump-back").count(), 2, "{parked}");
     // A database that hangs does not keep it from ending.
     fleet.freeze_postgres("-STOP");
     raw.publish(b"NATS/1.0\r\nA: \xff\r\n\r\n", b"");

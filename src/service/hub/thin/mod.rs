@@ -12,6 +12,7 @@ mod raw;
 mod takeover;
 
 use super::centre::CentreError;
+use super::feed;
 use super::scratch::Scratch;
 use crate::config::HubConfig;
 use crate::config::settings::hub::SiteSettings;
@@ -116,6 +117,8 @@ impl<'a> Worker<'a> {
         }
         super::for_worker(&config.storage, choice.lease)?.holders()?;
         runtime.block_on(raw::Raw::open(config, &sites[0].0.name))?;
+        // The post has the only copy of the samples.
+        feed::check_flushing(&config.monitors)?;
         let below = &config.copies.path;
         let folder =
             Scratch::new(below).map_err(|error| BeginError::Folder(below.display().to_string(), error))?;

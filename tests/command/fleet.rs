@@ -438,6 +438,11 @@ fn the_index_is_that_of_the_one_scheduler_there_is() {
     );
     let (code, why) = run(&[(INDICES[0], "0"), (INDICES[2], "0")]);
     assert!(code == 2 && why.contains("--index"), "{why}");
+    // Set and empty counts as not set.
+    let (code, why) = run(&[(INDICES[0], ""), (INDICES[1], " "), (INDICES[2], "7")]);
+    assert!(code == 2 && why.contains("there is no index 7"), "{why}");
+    let (code, why) = run(&[(INDICES[0], "")]);
+    assert!(code == 2 && why.contains("none of"), "{why}");
     let (code, why) = run(&[(INDICES[1], "0")]);
     assert_eq!(code, 0, "{why}");
 }

@@ -169,6 +169,8 @@ fn index(given: Option<usize>) -> Result<usize, BadArguments> {
     let said: Vec<(&str, String)> = INDICES
         .iter()
         .filter_map(|name| env::var(name).ok().map(|value| (*name, value)))
+        // Set and empty is what is left of a scheduler's variable that a script cleared.
+        .filter(|(_, value)| !value.trim().is_empty())
         .collect();
     match said.as_slice() {
         [] => Err(BadArguments(format!(

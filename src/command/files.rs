@@ -7,10 +7,10 @@ use crate::site::store::{FileMark, FileState, Reader};
 use serde_json::json;
 use std::process::ExitCode;
 
-/// Show what became of every file that the daemon read.
+/// Show what became of every file that the daemon read, or a task of a fleet.
 ///
 /// Files of the watched folder and parts of the journal that were read to their end, or set aside. A file that is not
-/// listed waits to be read, or cannot be opened.
+/// listed waits to be read, or cannot be opened. In the result of `fleet task`: every file of the task, without a time.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante files --store site.db --losses
@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 text += &csv([
                     &*file.name,
                     &bytes,
-                    &changed(file),
+                    &changed(file).unwrap_or_default(),
                     outcome,
                     reason.unwrap_or_default(),
                 ]);
@@ -83,7 +83,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 table.push(vec![
                     file.name.clone(),
                     file.size.to_string(),
-                    minutes(&changed(file)),
+                    changed(file).map_or_else(String::new, |time| minutes(&time)),
                     (*outcome).to_owned(),
                 ]);
                 if let Some(reason) = reason {
@@ -110,6 +110,7 @@ fn outcome(file: &FileMark) -> Outcome<'_> {
     }
 }
 
-fn changed(file: &FileMark) -> String {
-    Timestamp::from_nanos(file.modified_ns).to_string()
+/// Time of a file's last change; `None` where it was not kept.
+fn changed(file: &FileMark) -> Option<String> {
+    (file.modified_ns != 0).then(|| Timestamp::from_nanos(file.modified_ns).to_string())
 }

@@ -34,6 +34,8 @@ pub struct Tally {
     files: usize,
     unreadable: usize,
     with_losses: usize,
+    /// Those files as they were named, and what is lost of each.
+    damaged: Vec<(String, String)>,
     /// Records that a sensor was left out of, by rod and sensor.
     without: BTreeMap<(RodId, String), usize>,
     /// Sensors that each rod's latest record left out.
@@ -115,6 +117,11 @@ impl Tally {
         self.lost > 0
     }
 
+    /// Files that could not be read or lost data, as they were named, and what is lost of each.
+    pub fn damaged(&self) -> &[(String, String)] {
+        &self.damaged
+    }
+
     /// Losses in words that begin with a comma; empty without any.
     pub fn losses(&self) -> String {
         let mut text = String::new();
@@ -142,6 +149,7 @@ impl Tally {
             Ok(summary) => summary,
             Err(error) => {
                 self.unreadable += 1;
+                self.damaged.push((named(error), error.to_string()));
                 return bar.say(&format!("error: {error}"));
             }
         };
@@ -154,6 +162,8 @@ impl Tally {
         }
         if summary.has_nothing() {
             self.unreadable += 1;
+            let sentences = summary.sentences().join("; ");
+            self.damaged.push((summary.file.clone(), sentences));
             if let Some(absence) = summary.absence() {
                 bar.say(&format!("error: {absence}"));
             }
@@ -164,7 +174,11 @@ impl Tally {
                 );
             }
         } else {
-            self.with_losses += usize::from(summary.lost_data());
+            if summary.lost_data() {
+                self.with_losses += 1;
+                self.damaged
+                    .push((summary.file.clone(), summary.faults().join("; ")));
+            }
             if let Some(absence) = summary.absence() {
                 tracing::info!("{absence}");
             }
@@ -190,6 +204,17 @@ impl Tally {
         for sentence in &self.differences.misspelt {
             bar.say(&format!("warning: {sentence}"));
         }
+    }
+}
+
+/// Name of a file that gave an error, as it was named; for one without a file its own words.
+fn named(error: &SourceError) -> String {
+    match error {
+        SourceError::Io { path, .. }
+        | SourceError::NotAFile { path }
+        | SourceError::Foreign { path, .. }
+        | SourceError::Empty { path } => path.clone(),
+        SourceError::Field { .. } => error.to_string(),
     }
 }
 

@@ -1,6 +1,8 @@
 //! An archive of several sites as a job array: killed, run again, collected; and analysed again without samples.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
+mod results;
+
 use crate::program::{Said, tirante, words};
 use crate::site::*;
 use rand::RngExt;

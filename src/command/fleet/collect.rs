@@ -2,10 +2,10 @@
 
 use super::super::progress::{Progress, size};
 use super::super::{BadArguments, WITH_LOSSES, print};
-use super::refused;
-use crate::site::fleet::collect::into_one;
+use super::{refused, why};
+use crate::site::fleet::collect::{Collected, Counts, into_one};
 use crate::site::fleet::task::{self as plan, Task};
-use crate::site::store::Reader;
+use crate::site::store::StoreError;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -13,8 +13,9 @@ use std::process::ExitCode;
 /// Put the results of all tasks into one database, and one Parquet file.
 ///
 /// The database (SQLite) has the tables of each site's store with the column `site` in front: row by row what `replay`
-/// writes for the site. The stores themselves stay as they are. Tasks without a result are named, and the exit code
-/// is 3; the results that are there are collected all the same.
+/// writes for the site. The stores themselves stay as they are. Tasks whose result is missing or damaged are named, and
+/// the exit code is 3; the others are collected all the same. Sites with damaged recordings are named; the table `task`
+/// has their number in `damaged`.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:
   tirante fleet collect plan.jsonl --results results --out fleet.db
@@ -47,7 +48,7 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// The plan or a result cannot be read, or the files cannot be written.
+/// The plan cannot be read, or the files cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let tasks = plan::read(&args.plan, None).map_err(refused)?;
     if let Some(task) = tasks.iter().find(|task| task.part.is_some()) {
@@ -59,24 +60,20 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         ))
         .into());
     }
-    let (there, missing): (Vec<&Task>, Vec<&Task>) = tasks
-        .iter()
-        .partition(|task| task.result_in(&args.results).is_file());
-    let bar = Progress::new(
-        there.len() as u64,
-        "{bar:40} {human_pos} of {human_len} sites, {eta} left",
-    );
-    into_one(&there, &args.results, &args.out, |done| {
-        bar.set(done as u64, there.len() as u64);
+    let count = tasks.len() as u64;
+    let bar = Progress::new(count, "{bar:40} {human_pos} of {human_len} sites, {eta} left");
+    let collected = into_one(&tasks, &args.results, &args.out, |done| {
+        bar.set(done as u64, count);
     })?;
+    let there: Vec<(&Task, &Counts)> = tasks
+        .iter()
+        .zip(&collected)
+        .filter_map(|(task, found)| Some((task, found.as_ref().ok()?)))
+        .collect();
     write_parquet(args, &there)?;
     drop(bar);
-    let (mut records, mut rejected) = (0, 0);
-    for task in &there {
-        let counts = Reader::open(&task.result_in(&args.results))?.count_records()?;
-        records += counts.0;
-        rejected += counts.1;
-    }
+    let records: u64 = there.iter().map(|(_, counts)| counts.records).sum();
+    let rejected: u64 = there.iter().map(|(_, counts)| counts.rejected).sum();
     let bytes = |path: &Path| fs::metadata(path).map_or(0, |data| data.len());
     let line = format!(
         "{}: {} of {} sites, {records} records, {rejected} rejected, {}\n",
@@ -85,32 +82,55 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         tasks.len(),
         size(bytes(&args.out))
     );
-    for task in &missing {
-        tell!(
-            "missing: task {}, site {}: no {}; run: tirante fleet task {} --index {} --out {}",
-            task.index,
-            task.site,
-            task.result_in(&args.results).display(),
-            args.plan.display(),
-            task.index,
-            args.results.display()
-        );
+    for (task, found) in tasks.iter().zip(&collected) {
+        tell_of(args, task, found);
     }
     print(line.as_bytes())?;
-    Ok(match missing.len() {
-        0 => ExitCode::SUCCESS,
-        _ => ExitCode::from(WITH_LOSSES),
+    Ok(match there.len() == tasks.len() {
+        true => ExitCode::SUCCESS,
+        false => ExitCode::from(WITH_LOSSES),
     })
 }
 
-fn write_parquet(args: &Args, tasks: &[&Task]) -> anyhow::Result<()> {
+/// Names a task without a result to use, with the command that makes it anew, and one whose recordings are damaged.
+fn tell_of(args: &Args, task: &Task, found: &Collected) {
+    let of = format!("task {}, site {}", task.index, task.site);
+    match found {
+        Ok(Counts {
+            damaged: None | Some(0),
+            ..
+        }) => {}
+        Ok(Counts {
+            damaged: Some(count), ..
+        }) => tell!(
+            "lost data: {of}: {count} of {} files damaged or not read; which: tirante files --losses --store {}",
+            task.files.len(),
+            task.result_in(&args.results).display()
+        ),
+        Err(error) => {
+            let word = match error {
+                StoreError::Missing { .. } | StoreError::NoFolder { .. } => "missing",
+                _ => "left out",
+            };
+            tell!(
+                "{word}: {of}: {}; run: tirante fleet task {} --index {} --out {}",
+                why(&task.result_in(&args.results), error),
+                args.plan.display(),
+                task.index,
+                args.results.display()
+            );
+        }
+    }
+}
+
+fn write_parquet(args: &Args, tasks: &[(&Task, &Counts)]) -> anyhow::Result<()> {
     use super::super::parquet;
     use crate::recording::atomic::AtomicFile;
     use anyhow::Context;
 
     let stores: Vec<(String, PathBuf)> = tasks
         .iter()
-        .map(|task| (task.site.clone(), task.result_in(&args.results)))
+        .map(|(task, _)| (task.site.clone(), task.result_in(&args.results)))
         .collect();
     for (path, is_of_records) in [(&args.parquet, true), (&args.resonances, false)] {
         let Some(path) = path else { continue };

@@ -8,6 +8,9 @@ mod task;
 
 use super::BadArguments;
 use crate::site::fleet::task::TaskError;
+use crate::site::store::StoreError;
+use std::error::Error as _;
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Analyse an archive of many sites as a job array.
@@ -47,6 +50,20 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         Step::Plan(args) => plan::run(args),
         Step::Task(args) => task::run(args),
         Step::Collect(args) => collect::run(args),
+    }
+}
+
+/// Reason why a result is not used, without the next step for a store of one's own.
+fn why(result: &Path, error: &StoreError) -> String {
+    let name = result.display();
+    match error {
+        StoreError::Missing { .. } | StoreError::NoFolder { .. } => format!("no {name}"),
+        StoreError::Damaged { detail, .. } => format!("{name} is damaged ({detail})"),
+        StoreError::Foreign { what, .. } => format!("{name} is no result ({what})"),
+        other => match other.source() {
+            Some(cause) => format!("{other}: {cause}"),
+            None => other.to_string(),
+        },
     }
 }
 

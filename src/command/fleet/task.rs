@@ -8,7 +8,7 @@ use super::super::setup::{self, GivenUp, Prepared};
 use super::super::tally::Tally;
 use super::super::{BadArguments, print};
 use super::part::search;
-use super::{place, refused};
+use super::{place, refused, why};
 use crate::analysis::signal::record::{RodId, Timestamp};
 use crate::site::analyse::Analysed;
 use crate::site::driver;
@@ -16,7 +16,7 @@ use crate::site::fleet::part::{self, Parts};
 use crate::site::fleet::task::{self as plan, Input, Task};
 use crate::site::pictures::Pictures;
 use crate::site::records::Others;
-use crate::site::store::{Durability, Position, Reader, Store};
+use crate::site::store::{Commit, Durability, FileMark, Position, Reader, Store, StoreError};
 use anyhow::{Context, bail};
 use std::env;
 use std::fs;
@@ -39,7 +39,7 @@ pub(super) const TOLD_EVERY: Duration = Duration::from_secs(60);
 ///
 /// The result is RESULTS/SITE/HASH.db, a store like any other (that of a part HASH.part-K-of-N, for the site's task), named by the hash of configuration, files and version
 /// of the analysis. It appears when it is whole. Killed anywhere and run again, the task ends in the same result;
-/// run once more, it ends at once.
+/// run once more, it checks the result and ends; one that is damaged is made anew.
 ///
 /// Exit codes: 0 the result stands (rejected records are part of it), 1 try again, 2 another attempt ends the same way: plan
 /// again or correct the arguments.
@@ -101,7 +101,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let result = task.result_in(&args.out);
     let site = &task.site;
-    if result.exists() {
+    if is_there(&format!("task {index}, site {site}"), &result)? {
         // Of a task that was killed behind its result, or of a part that came after it.
         part::remove(&args.out.join(site), &task.result);
         let line = format!(
@@ -120,7 +120,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let work = scratch.join(format!(".{site}-{}.tmp", task.result));
     let begun = Instant::now();
     let parts = parts(&task, &folder);
-    let tally = analyse(&task, &work, &parts, args.threads)?;
+    let (tally, marks) = analyse(&task, &work, &parts, args.threads)?;
     // A daemon may have gone on with the store meanwhile.
     if task.input == Input::Store
         && let Err(error) = task.check_files()
@@ -137,7 +137,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     // Equal tasks end in equal bytes, however often they were killed: the log of a store tells of that, and its id is drawn.
     let id: String = task.result.chars().take(16).collect();
-    Store::open(&work, Durability::Replay)?.restart_log(&id)?;
+    let mut store = Store::open(&work, Durability::Replay)?;
+    store.commit(&Commit {
+        files: &marks,
+        ..Commit::default()
+    })?;
+    store.restart_log(&id)?;
+    drop(store);
     // One file, without what a write-ahead log leaves; checked row by row.
     let copy = scratch.join(format!(".{site}-{}.copy", task.result));
     let reader = Reader::open(&work)?;
@@ -159,6 +165,21 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         begun.elapsed().as_secs_f64()
     );
     print(line.as_bytes())
+}
+
+/// True if a result is in its place, checked to its last row as a collection checks it; one that is damaged is told, and
+/// made anew.
+fn is_there(of: &str, result: &Path) -> anyhow::Result<bool> {
+    match Reader::open_whole(result) {
+        Ok(_) => Ok(true),
+        Err(StoreError::Missing { .. } | StoreError::NoFolder { .. }) => Ok(false),
+        Err(error @ (StoreError::Damaged { .. } | StoreError::Foreign { .. })) => {
+            tell!("warning: {of}: {}: it is made anew", why(result, &error));
+            Ok(false)
+        }
+        Err(error @ StoreError::Newer { .. }) => Err(BadArguments(error.to_string()).into()),
+        Err(error) => Err(error.into()),
+    }
 }
 
 /// Index of the task: that given, or that of the one scheduler that says one.
@@ -195,8 +216,14 @@ fn index(given: Option<usize>) -> Result<usize, BadArguments> {
     }
 }
 
-/// Analyses all files of a task into the store under way, which goes on from where an attempt before was killed.
-fn analyse(task: &Task, work: &Path, parts: &Parts, threads: Option<u16>) -> anyhow::Result<Tally> {
+/// Analyses all files of a task into the store under way, which goes on from where an attempt before was killed; returns
+/// what became of the files, too.
+fn analyse(
+    task: &Task,
+    work: &Path,
+    parts: &Parts,
+    threads: Option<u16>,
+) -> anyhow::Result<(Tally, Vec<FileMark>)> {
     let config = task.config().map_err(refused)?;
     task.check_files().map_err(refused)?;
     let paths = task.paths();
@@ -217,6 +244,8 @@ fn analyse(task: &Task, work: &Path, parts: &Parts, threads: Option<u16>) -> any
     if let Some(from) = &from {
         site = site.without_samples(Pictures::of(from)?);
     }
+    // What was lost before the old store is lost to the new one.
+    let marked = from.as_ref().map(Reader::files).transpose()?;
     let mut log = Log::of(task);
     let on_event =
         |analysed: &Analysed, place: Option<Position<'_>>, before: Option<[u8; 32]>, bar: &Progress| {
@@ -251,7 +280,12 @@ fn analyse(task: &Task, work: &Path, parts: &Parts, threads: Option<u16>) -> any
         }
     };
     // Nothing is written to stdout here that a reader could have seen enough of.
-    Ok(tally.unwrap_or_default())
+    let tally = tally.unwrap_or_default();
+    let marks = match marked {
+        Some(marked) => marked.into_values().collect(),
+        None => task.marks(tally.damaged()),
+    };
+    Ok((tally, marks))
 }
 
 /// Parts of the task's search that are there; without them all records are searched here.

@@ -1,7 +1,7 @@
 //! Results of all tasks in one SQLite database: the tables of each site's store, with the site in front of every row.
 
 use super::task::Task;
-use crate::site::store::{Reader, StoreError};
+use crate::site::store::{FileState, Reader, StoreError};
 use rusqlite::Connection;
 use std::fs::{self, File};
 use std::io::Read as _;
@@ -13,7 +13,7 @@ const APPLICATION_ID: i32 = 0x5469_7246;
 /// Reason why results cannot be collected.
 #[derive(Debug, thiserror::Error)]
 pub enum CollectError {
-    /// A site's result cannot be read.
+    /// A site's rows cannot be taken over.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The database cannot be written.
@@ -37,17 +37,31 @@ pub enum CollectError {
     Another(PathBuf),
 }
 
+/// Numbers of a result that was collected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Counts {
+    /// Number of its records.
+    pub records: u64,
+    /// Number of those that were rejected.
+    pub rejected: u64,
+    /// Number of the task's files of which something is lost; `None` if the result tells nothing of its files.
+    pub damaged: Option<u64>,
+}
+
+/// Numbers of a result, or the reason why it is missing or not to be used.
+pub type Collected = Result<Counts, StoreError>;
+
 /// Writes the results of `tasks`, found below `results`, into a database that appears under its name only when it is
-/// whole; calls `done` after each task.
+/// whole; calls `done` after each task. A result that is missing, damaged or out of reach leaves nothing in it.
 ///
 /// # Errors
-/// A result cannot be read or is damaged, or the database cannot be written.
+/// The database cannot be written.
 pub fn into_one(
-    tasks: &[&Task],
+    tasks: &[Task],
     results: &Path,
     target: &Path,
     done: impl Fn(usize),
-) -> Result<(), CollectError> {
+) -> Result<Vec<Collected>, CollectError> {
     refuse_another(target)?;
     let beside = |ending: &str| {
         let mut name = target.as_os_str().to_owned();
@@ -61,13 +75,17 @@ pub fn into_one(
         path: target.to_owned(),
         source,
     };
-    if let Err(error) = written {
-        // The first error matters more than a failure to remove the file.
-        let _ = fs::remove_file(&part);
-        return Err(error);
-    }
+    let collected = match written {
+        Ok(collected) => collected,
+        Err(error) => {
+            // The first error matters more than a failure to remove the file.
+            let _ = fs::remove_file(&part);
+            return Err(error);
+        }
+    };
     File::open(&part).and_then(|file| file.sync_all()).map_err(io)?;
-    fs::rename(&part, target).map_err(io)
+    fs::rename(&part, target).map_err(io)?;
+    Ok(collected)
 }
 
 /// Refuses a target that is there and no collection: it may be a store in use.
@@ -91,7 +109,12 @@ fn refuse_another(target: &Path) -> Result<(), CollectError> {
     }
 }
 
-fn write(tasks: &[&Task], results: &Path, part: &Path, done: impl Fn(usize)) -> Result<(), CollectError> {
+fn write(
+    tasks: &[Task],
+    results: &Path,
+    part: &Path,
+    done: impl Fn(usize),
+) -> Result<Vec<Collected>, CollectError> {
     let sql = |source| CollectError::Database {
         path: part.to_owned(),
         source,
@@ -123,16 +146,25 @@ fn write(tasks: &[&Task], results: &Path, part: &Path, done: impl Fn(usize)) -> 
                 config_hash TEXT NOT NULL,
                 analysis_version INTEGER NOT NULL,
                 files INTEGER NOT NULL,
-                bytes INTEGER NOT NULL
+                bytes INTEGER NOT NULL,
+                damaged INTEGER
             ) STRICT;",
         )
         .map_err(sql)?;
+    let mut collected = Vec::new();
     for (number, task) in tasks.iter().enumerate() {
-        let reader = Reader::open(&task.result_in(results))?;
-        reader.check_all()?;
+        // Nothing of a result is written before all of it is known to be good.
+        let (reader, counts) = match whole(&task.result_in(results)) {
+            Ok(found) => found,
+            Err(error) => {
+                collected.push(Err(error));
+                done(number + 1);
+                continue;
+            }
+        };
         connection
             .execute(
-                "INSERT INTO task VALUES (?, ?, ?, ?, ?, ?)",
+                "INSERT INTO task VALUES (?, ?, ?, ?, ?, ?, ?)",
                 (
                     &task.site,
                     &task.result,
@@ -140,11 +172,28 @@ fn write(tasks: &[&Task], results: &Path, part: &Path, done: impl Fn(usize)) -> 
                     task.analysis_version,
                     task.files.len() as i64,
                     i64::try_from(task.bytes).unwrap_or(i64::MAX),
+                    counts.damaged.map(|count| count as i64),
                 ),
             )
             .map_err(sql)?;
         reader.append_to(&connection, &task.site)?;
+        collected.push(Ok(counts));
         done(number + 1);
     }
-    connection.close().map_err(|(_, error)| sql(error))
+    connection.close().map_err(|(_, error)| sql(error))?;
+    Ok(collected)
+}
+
+/// Opens a result and checks all of it.
+fn whole(path: &Path) -> Result<(Reader, Counts), StoreError> {
+    let reader = Reader::open_whole(path)?;
+    let (records, rejected) = reader.count_records()?;
+    let files = reader.files()?;
+    let lost = files.values().filter(|file| file.state != FileState::Done);
+    let counts = Counts {
+        records,
+        rejected,
+        damaged: (!files.is_empty()).then(|| lost.count() as u64),
+    };
+    Ok((reader, counts))
 }

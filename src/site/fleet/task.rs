@@ -6,8 +6,10 @@ use crate::analysis::identify::VERSION;
 use crate::analysis::signal::record::Timestamp;
 use crate::config::Config;
 use crate::site::hex::hex;
+use crate::site::store::{FileMark, FileState};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -139,6 +141,33 @@ impl Task {
     pub fn span(&self) -> Option<(Timestamp, Timestamp)> {
         let from = self.files.iter().filter_map(|file| file.from).min()?;
         Some((from, self.files.iter().filter_map(|file| file.to).max()?))
+    }
+
+    /// What became of each file, from those of which something is lost: their names as paths, and what is lost. Depends on
+    /// nothing but content and names, as the result must: times of change are not kept.
+    pub fn marks(&self, damaged: &[(String, String)]) -> Vec<FileMark> {
+        let mark = |name: &str, size, state| FileMark {
+            name: name.to_owned(),
+            size,
+            modified_ns: 0,
+            state,
+        };
+        let mut lost: BTreeMap<&str, &str> = damaged
+            .iter()
+            .map(|(name, what)| (name.as_str(), what.as_str()))
+            .collect();
+        let mut marks = Vec::new();
+        for (item, path) in self.files.iter().zip(self.paths()) {
+            let state = match lost.remove(&*path.display().to_string()) {
+                Some(what) => FileState::Incomplete(what.to_owned()),
+                None => FileState::Done,
+            };
+            marks.push(mark(&item.path, item.bytes, state));
+        }
+        // A part of a journal has a name of its own.
+        let others = lost.into_iter();
+        marks.extend(others.map(|(name, what)| mark(name, 0, FileState::Incomplete(what.to_owned()))));
+        marks
     }
 
     /// Reads and checks the configuration.

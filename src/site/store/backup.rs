@@ -58,7 +58,7 @@ impl Reader {
         self.connection
             .execute("VACUUM INTO ?", [name])
             .map_err(|error| self.fault(Failure::Sql(error)))?;
-        open::check_copy(part)?;
+        open::for_reading_whole(part)?;
         File::open(part).and_then(|file| file.sync_all()).map_err(io)
     }
 }

@@ -20,6 +20,9 @@ const STATEMENTS: usize = 64;
 /// First bytes of every SQLite file.
 const MAGIC: &[u8; 16] = b"SQLite format 3\0";
 
+/// Finding on a store whose definitions changed.
+const OTHER_TABLES: &str = "its tables are not those of its format";
+
 /// Durability of a commit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Durability {
@@ -164,11 +167,20 @@ fn stand_in(connection: &Connection) -> rusqlite::Result<()> {
     Ok(())
 }
 
-/// Checks every page, index and row of a copy.
-pub(super) fn check_copy(path: &Path) -> Result<(), StoreError> {
+/// Opens a store for reading after a check of its tables and of every page, index and row.
+pub(super) fn for_reading_whole(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
     let (connection, path) = for_reading(path)?;
-    match check_content(&connection).map_err(|error| is_damage(&path, error))? {
-        Ok(_) => Ok(()),
+    let checked = || -> rusqlite::Result<Result<Known, Finding>> {
+        let format: i64 = connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
+        if format == schema::FORMAT
+            && schema::definitions(&connection)? != schema::definitions(&in_memory()?)?
+        {
+            return Ok(Err(Finding::Damaged(OTHER_TABLES.to_owned())));
+        }
+        check_content(&connection)
+    };
+    match checked().unwrap_or_else(|error| Err(judge(&path, error))) {
+        Ok(_) => Ok((connection, path)),
         Err(Finding::Refused(error)) => Err(error),
         Err(Finding::Damaged(detail)) => Err(StoreError::Damaged { path, detail }),
     }
@@ -321,9 +333,7 @@ fn open_whole(path: &Path, durability: Durability, was_store: bool) -> Result<(C
         .and_then(|fresh| schema::definitions(&fresh))
         .map_err(judged)?;
     if schema::definitions(&connection).map_err(judged)? != expected {
-        return Err(Finding::Damaged(
-            "its tables are not those of its format".to_owned(),
-        ));
+        return Err(Finding::Damaged(OTHER_TABLES.to_owned()));
     }
     let (synchronous, checkpoint) = match durability {
         Durability::Full => ("FULL", 1000),

@@ -46,6 +46,16 @@ impl Reader {
         Ok(reader)
     }
 
+    /// Opens a store for reading after a check of its tables and of every page, index and row.
+    ///
+    /// # Errors
+    /// As [`Reader::open`].
+    pub fn open_whole(path: &Path) -> Result<Self, StoreError> {
+        let file = FileId::of(path);
+        let (connection, path) = open::for_reading_whole(path)?;
+        Ok(Self::over(connection, path, file))
+    }
+
     /// Compares the rows of these tables with their checksums.
     pub(super) fn check(&self, tables: &[&str]) -> Result<(), StoreError> {
         for table in tables {

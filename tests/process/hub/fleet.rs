@@ -588,7 +588,13 @@ impl Fleet {
     }
 
     pub fn kill_nats(&mut self) {
+        self.kill_nats_for(|text| text);
+    }
+
+    /// Ends the post, and begins it with another configuration.
+    pub fn kill_nats_for(&mut self, change: impl FnOnce(String) -> String) {
         self.nats[0].kill();
+        self.nats[0].rewrite(change);
         self.nats[0].again();
     }
 

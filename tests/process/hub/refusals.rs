@@ -130,6 +130,22 @@ fn a_lax_server_or_stream_is_refused_by_name() {
 }
 
 #[test]
+fn a_server_that_begins_anew_without_flushes_is_refused_by_name() {
+    let Some(mut fleet) = Fleet::of(&["todi"], Storage::Sqlite) else {
+        return;
+    };
+    fleet.start();
+    fleet.wait_until_equal();
+    let before = fleet.hub_logged();
+    fleet.kill_nats_for(|text| text.replace("sync_interval: always", "sync_interval: 2m"));
+    fleet.wait_for_hub_log(before, "put `sync_interval: always` into its jetstream section");
+    fleet.kill_nats_for(|text| text.replace("sync_interval: 2m", "sync_interval: always"));
+    fleet.more_records(0);
+    fleet.wait_until_sent();
+    fleet.wait_until_equal();
+}
+
+#[test]
 fn a_post_that_hangs_or_is_gone_delays_no_result() {
     let Some(mut fleet) = Fleet::of(&["todi"], Storage::Sqlite) else {
         return;

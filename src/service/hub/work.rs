@@ -126,12 +126,15 @@ impl<'h> Work<'h> {
         let mut centre = super::open(&hub.config.storage)?;
         let feed = hub.runtime.block_on(Feed::open(hub.config))?;
         // A server that was begun anew may be a laxer one.
-        feed::check_flushing(&hub.config.monitors)?;
-        if hub.config.monitors.is_empty() {
-            hub.health.hold(Fault::Forward, FLUSHING, feed::UNSEEN.to_owned());
-        } else {
-            hub.health.over(Fault::Forward, FLUSHING);
+        let flushing = feed::check_flushing(&hub.config.monitors);
+        match &flushing {
+            Err(error) => hub.health.hold(Fault::Forward, FLUSHING, error.to_string()),
+            Ok(()) if hub.config.monitors.is_empty() => {
+                hub.health.hold(Fault::Forward, FLUSHING, feed::UNSEEN.to_owned());
+            }
+            Ok(()) => hub.health.over(Fault::Forward, FLUSHING),
         }
+        flushing?;
         let (sites, overruled) = (forwarding(hub, &mut centre)?, centre.overruled()?);
         let listed = hub.config.sites.iter().map(|site| &site.name);
         let silence = Silence::begin(centre.beats()?, clock::now().as_nanos());

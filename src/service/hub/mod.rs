@@ -168,6 +168,7 @@ impl<'a> Hub<'a> {
             self.health.hold(Fault::Forward, ABOUT, detail);
             let until = Instant::now() + wait;
             while Instant::now() < until && !self.is_stopping() {
+                self.health.tick();
                 std::thread::sleep(Duration::from_millis(50));
             }
         }

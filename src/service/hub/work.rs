@@ -191,6 +191,7 @@ impl<'h> Work<'h> {
                 None => self.hear(true)?,
             }
             self.regulate()?;
+            self.hub.health.tick();
             backoff.reset();
             self.hub.health.over(Fault::Forward, ABOUT);
         }

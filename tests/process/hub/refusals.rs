@@ -136,9 +136,12 @@ fn a_server_that_begins_anew_without_flushes_is_refused_by_name() {
     };
     fleet.start();
     fleet.wait_until_equal();
-    let before = fleet.hub_logged();
     fleet.kill_nats_for(|text| text.replace("sync_interval: always", "sync_interval: 2m"));
-    fleet.wait_for_hub_log(before, "put `sync_interval: always` into its jetstream section");
+    fleet.wait("the hub names what is missing", |fleet| {
+        fleet
+            .get("/healthz")
+            .contains("put `sync_interval: always` into its jetstream section")
+    });
     fleet.kill_nats_for(|text| text.replace("sync_interval: 2m", "sync_interval: always"));
     fleet.more_records(0);
     fleet.wait_until_sent();

@@ -84,11 +84,11 @@ impl Disk {
         disks.iter().for_each(|disk| disk.signal("-USR1"));
         let is_lost = |place: usize| disks[place].losses().len() > counts[place];
         thread::scope(|scope| {
-            for place in 0..disks.len() {
+            for (place, disk) in disks.iter().enumerate() {
                 // A server at rest asks for nothing. Whoever asks in the moment of the loss is answered when the servers are killed.
                 scope.spawn(move || {
                     while !is_lost(place) {
-                        let _ = fs::metadata(disks[place].mount.join("any"));
+                        let _ = fs::metadata(disk.mount.join("any"));
                         thread::sleep(Duration::from_millis(2));
                     }
                 });

@@ -23,8 +23,6 @@ pub struct Batch {
     pub(super) rows: BTreeMap<(usize, String), Vec<Value>>,
     /// Rows to be there when it is written, by table, site and store.
     pub(super) claims: BTreeMap<(usize, String, i64), Vec<Claim>>,
-    /// Number of them.
-    claimed: usize,
     /// Rods without records that were removed: site, store, rod.
     pub(super) forgotten: Vec<(String, i64, String)>,
     pub(super) months: BTreeSet<i64>,
@@ -86,7 +84,6 @@ impl Batch {
     pub(super) fn claim(&mut self, table: usize, (site, store): (&str, i64), claim: Claim) {
         let of = self.claims.entry((table, site.to_owned(), store)).or_default();
         of.push(claim);
-        self.claimed += 1;
     }
 
     /// Removes the rows of a rod without records, also those of this batch.
@@ -110,7 +107,8 @@ impl Batch {
         /// A second's work of a slow database: nothing waits longer for its commit.
         const ROWS: usize = 5000;
         let parked: usize = self.parked.iter().map(|parked| parked.payload.len()).sum();
-        self.bytes + parked >= ENOUGH || self.rows.len() + self.claimed >= ROWS
+        let claimed: usize = self.claims.values().map(Vec::len).sum();
+        self.bytes + parked >= ENOUGH || self.rows.len() + claimed >= ROWS
     }
 
     /// Number of rows of a table, by site and store.

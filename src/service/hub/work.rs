@@ -32,7 +32,7 @@ const PAGE_BYTES: usize = 8 << 20;
 /// Longest reason of a message that the database refuses \[bytes\].
 const LONGEST: usize = 500;
 
-/// Subject of the condition of a server whose flushes nobody sees.
+/// Subject of the condition of a server that does not flush each message, or of which that cannot be seen.
 const FLUSHING: &str = "hub/flushing";
 
 /// Subject of the condition of commands that the post does not take.

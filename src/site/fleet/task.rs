@@ -143,7 +143,7 @@ impl Task {
         Some((from, self.files.iter().filter_map(|file| file.to).max()?))
     }
 
-    /// What became of each file, from those of which something is lost: their names as paths, and what is lost. Depends on
+    /// Outcome of each file, from those of which something is lost: their names as paths, and what is lost. Depends on
     /// nothing but content and names, as the result must: times of change are not kept.
     pub fn marks(&self, damaged: &[(String, String)]) -> Vec<FileMark> {
         let mark = |name: &str, size, state| FileMark {

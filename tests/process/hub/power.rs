@@ -3,7 +3,7 @@
 //! `cargo test --test process hub::power -- --ignored --nocapture`; needs root, `/dev/fuse` and Debian's `python3-fusepy`.
 
 use super::fleet::{Fleet, Storage};
-use super::servers::{DEADLINE, Nats};
+use super::servers::{DEADLINE, Nats, signal};
 use rand::RngExt;
 use std::cell::RefCell;
 use std::fs;
@@ -62,14 +62,7 @@ impl Disk {
     }
 
     fn signal(&self, name: &str) {
-        let pid = self.layer.id().to_string();
-        assert!(
-            Command::new("kill")
-                .args([name, &pid])
-                .status()
-                .unwrap()
-                .success()
-        );
+        signal(&self.layer, name);
     }
 
     fn losses(&self) -> Vec<u64> {

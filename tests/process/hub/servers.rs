@@ -50,6 +50,13 @@ fn listening(child: &mut Child, port: u16) -> bool {
     true
 }
 
+/// Sends a signal by name.
+pub fn signal(child: &Child, name: &str) {
+    let pid = child.id().to_string();
+    let sent = Command::new("kill").args([name, &pid]).status().unwrap();
+    assert!(sent.success());
+}
+
 /// A NATS server.
 pub struct Nats {
     program: PathBuf,
@@ -157,14 +164,7 @@ impl Nats {
 
     /// Sends a signal by name.
     pub fn signal(&self, name: &str) {
-        let pid = self.child.as_ref().unwrap().id().to_string();
-        assert!(
-            Command::new("kill")
-                .args([name, &pid])
-                .status()
-                .unwrap()
-                .success()
-        );
+        signal(self.child.as_ref().unwrap(), name);
     }
 
     /// Rewrites its configuration and has it read again.

@@ -130,7 +130,7 @@ fn wait_until_in(store: &Path, what: &str, mut is_so: impl FnMut(&Reader) -> boo
     // Before the daemon has made it, there is no store.
     while !Reader::open(store).is_ok_and(|reader| is_so(&reader)) {
         assert!(Instant::now() < until, "not so: {what}");
-        thread::sleep(Duration::from_millis(5));
+        thread::sleep(Duration::from_millis(20));
     }
 }
 

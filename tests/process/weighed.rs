@@ -229,7 +229,7 @@ fn run(folder: &Path, words: &[&str]) -> Ran {
             child.kill().unwrap();
             panic!("{words:?} does not end");
         }
-        thread::sleep(Duration::from_millis(1));
+        thread::sleep(Duration::from_millis(5));
     };
     let read = |name: &str| fs::read_to_string(folder.join(name)).unwrap();
     Ran {

@@ -12,6 +12,7 @@ mod annealed;
 mod conflict;
 mod datum;
 mod density;
+mod kernels;
 pub mod next;
 mod pilot;
 mod population;

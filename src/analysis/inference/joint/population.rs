@@ -7,6 +7,7 @@
 //! density of the population plus one wide t about its mean, so that no region the population missed has weights without bound.
 
 use super::density::{Mask, Problem};
+use super::kernels::Kernels;
 use crate::numerics::random;
 use crate::rod::prior::Prior;
 use nalgebra::{DMatrix, DVector};
@@ -171,11 +172,17 @@ impl<'a> Mixture<'a> {
 
     /// `count` proposals with answers and densities; the same bits at any number of threads.
     pub(super) fn propose(&self, count: usize, mask: &Mask, seed: u64) -> Population {
+        let kernels = self.kernels.iter();
+        let kernels = Kernels::new(
+            kernels.map(|kernel| (&kernel.centre, &kernel.inverse, kernel.density)),
+            self.uncertain.len(),
+            self.freedom,
+        );
         let blocks: Vec<Population> = (0..count.div_ceil(BLOCK))
             .into_par_iter()
             .map(|block| {
                 let rows = BLOCK.min(count - block * BLOCK);
-                self.block(rows, mask, random::stream(seed, block as u64))
+                self.block(rows, &kernels, mask, random::stream(seed, block as u64))
             })
             .collect();
         let mut all = Population::default();
@@ -188,7 +195,7 @@ impl<'a> Mixture<'a> {
         all
     }
 
-    fn block(&self, rows: usize, mask: &Mask, mut generator: ChaCha8Rng) -> Population {
+    fn block(&self, rows: usize, kernels: &Kernels, mask: &Mask, mut generator: ChaCha8Rng) -> Population {
         let d = self.uncertain.len();
         let count = self.kernels.len();
         let data = self.problem.data.len();
@@ -217,7 +224,7 @@ impl<'a> Mixture<'a> {
             population.likelihood.push(likelihood);
             population
                 .base
-                .push(prior - libm::log(self.density(z.as_slice())));
+                .push(prior - libm::log(self.density(kernels, z.as_slice())));
         }
         population
     }
@@ -236,19 +243,13 @@ impl<'a> Mixture<'a> {
     }
 
     /// Density of the mixture up to a constant.
-    fn density(&self, z: &[f64]) -> f64 {
+    fn density(&self, kernels: &Kernels, z: &[f64]) -> f64 {
         let d = z.len();
         let power = -(((self.freedom + d) / 2) as i32);
-        let freedom = self.freedom as f64;
-        let mut sums = vec![0.0; d];
-        let sum: f64 = self
-            .kernels
-            .iter()
-            .map(|kernel| kernel.density * (1.0 + kernel.square(z, &mut sums) / freedom).powi(power))
-            .sum();
         let square: f64 = z.iter().map(|z| z * z).sum();
-        let wide = (1.0 + square / (freedom * WIDE.1 * WIDE.1)).powi(power) * WIDE.1.powi(-(d as i32));
-        (1.0 - WIDE.0) * sum / self.kernels.len() as f64 + WIDE.0 * wide
+        let wide =
+            (1.0 + square / (self.freedom as f64 * WIDE.1 * WIDE.1)).powi(power) * WIDE.1.powi(-(d as i32));
+        (1.0 - WIDE.0) * kernels.density(z) / self.kernels.len() as f64 + WIDE.0 * wide
     }
 }
 
@@ -261,21 +262,6 @@ impl Kernel {
             centre,
             root,
         })
-    }
-
-    /// Squared distance of a place from the centre, in units of the kernel. Column by column, so that `sums`, one of each row in the order
-    /// of its columns, are a vector.
-    fn square(&self, z: &[f64], sums: &mut [f64]) -> f64 {
-        sums.fill(0.0);
-        let columns = self.inverse.as_slice().chunks_exact(z.len());
-        for (first, (column, (z, centre))) in columns.zip(z.iter().zip(&self.centre)).enumerate() {
-            let away = z - centre;
-            // The lower triangle.
-            for (sum, own) in sums[first..].iter_mut().zip(&column[first..]) {
-                *sum += own * away;
-            }
-        }
-        sums.iter().fold(0.0, |square, sum| square + sum * sum)
     }
 }
 

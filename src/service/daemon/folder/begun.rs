@@ -117,13 +117,14 @@ impl Begun {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use serde_json::json;
 
     /// A rod's samples of so many bytes.
     fn tail(rod: &str, bytes: usize) -> Tail {
-        let moments = vec![1; bytes];
-        let fields = json!({"rod": rod, "to": 5, "file": "a", "bytes": 0, "records": 0, "lanes": [], "moments": moments});
-        serde_json::from_value(fields).unwrap()
+        let moments = "1,".repeat(bytes - 1);
+        let fields = format!(
+            r#"{{"rod":"{rod}","to":5,"file":"a","bytes":0,"records":0,"lanes":[],"moments":[{moments}1]}}"#
+        );
+        serde_json::from_str(&fields).unwrap()
     }
 
     fn names(rows: &[Carry]) -> Vec<String> {

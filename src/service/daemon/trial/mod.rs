@@ -198,6 +198,16 @@ mod tests {
     /// Tells the place 0+0.
     const AT_THE_STEP: &str = "head -c 16 /dev/zero";
 
+    /// Becomes a program that reads more into memory than any step may need and then waits for a reader of all of it, while `then` runs
+    /// beside it.
+    fn holding_much(folder: &Path, then: &str) -> String {
+        let pipe = folder.join("pipe");
+        format!(
+            "mkfifo {0}.$$; exec 3<>{0}.$$; (head -c 1 <&3 >/dev/null; {then}) & exec dd if=/dev/zero bs=300000000 count=1 >&3",
+            pipe.display()
+        )
+    }
+
     fn verdict(trials: &Trials) -> Verdict {
         let input = Input::Journal {
             folder: PathBuf::new(),
@@ -238,12 +248,8 @@ mod tests {
     fn a_child_that_did_not_reach_the_step_blames_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let of = |script: &str| verdict(&trials(folder.path(), script));
-        let much = "x=$(head -c 300000000 /dev/zero | tr '\\0' x)";
-        for script in [
-            "kill -ABRT $$",
-            "exit 101",
-            &format!("{much}; {AT_THE_STEP}; sleep 1; kill -KILL $$"),
-        ] {
+        let then = format!("{AT_THE_STEP}; sleep 1; kill -KILL $$");
+        for script in ["kill -ABRT $$", "exit 101", &holding_much(folder.path(), &then)] {
             assert_eq!(of(script), Verdict::Cleared, "{script}");
         }
     }
@@ -269,8 +275,7 @@ mod tests {
     #[test]
     fn a_child_that_had_much_memory_when_it_was_killed_died_of_it() {
         let folder = tempfile::tempdir().unwrap();
-        // Reads more into memory than any step may need, and is killed while it holds it.
-        let script = "x=$(head -c 300000000 /dev/zero | tr '\\0' x); sleep 1; kill -KILL $$";
+        let script = holding_much(folder.path(), "sleep 1; kill -KILL $$");
         let verdict = verdict(&trials(folder.path(), &format!("{AT_THE_STEP}; {script}")));
         assert!(
             matches!(&verdict, Verdict::Died { how, .. } if how.contains("MB")),

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// From the ground up. A module is on the floor with the longest name that it begins with.
-const FLOORS: [&str; 76] = [
+const FLOORS: [&str; 77] = [
     "analysis::numerics",
     "analysis::rod::beam",
     "analysis::rod::fixity",
@@ -72,6 +72,7 @@ const FLOORS: [&str; 76] = [
     "site::fleet",
     "service::memory",
     "service::tcp",
+    "service::tls",
     "service::telemetry",
     "service::journal",
     "service::ingest",

@@ -19,6 +19,7 @@
 //! * [`http`]      the page, its API, `/healthz`, `/readyz`, `/metrics`
 //! * `memory`      what was freed, back to the system
 //! * `tcp`         listeners of http and ingest
+//! * `tls`         clients of servers that have a certificate
 
 pub mod alert;
 pub mod api;
@@ -32,4 +33,5 @@ pub mod journal;
 mod memory;
 mod tcp;
 pub mod telemetry;
+mod tls;
 pub mod viewer;

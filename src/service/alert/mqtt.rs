@@ -5,17 +5,13 @@
 use super::{Failure, Message, Sink};
 use crate::analysis::numerics::random;
 use crate::config::settings::alert::{MqttSettings, TOPIC_PLACES};
-use crate::config::settings::credential::CredentialPath;
+use crate::service::tls;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{Packet, PubAckReason};
 use rumqttc::v5::{Client, Event, MqttOptions};
 use rumqttc::{TlsConfiguration, Transport};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use tokio_rustls::rustls::crypto::ring;
-use tokio_rustls::rustls::pki_types::CertificateDer;
-use tokio_rustls::rustls::pki_types::pem::PemObject;
-use tokio_rustls::rustls::{ClientConfig, RootCertStore};
 
 /// Keep-alive interval while waiting for the broker's answer.
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
@@ -49,7 +45,8 @@ impl Mqtt {
             options.set_credentials(&login.user, login.password_file.read_line()?);
         }
         if settings.is_tls {
-            let tls = TlsConfiguration::Rustls(Arc::new(tls(settings.ca_file.as_ref())?));
+            let tls = tls::client(settings.ca_file.as_ref()).map_err(Failure::new)?;
+            let tls = TlsConfiguration::Rustls(Arc::new(tls));
             options.set_transport(Transport::tls_with_config(tls));
         }
         Ok(options)
@@ -122,29 +119,6 @@ fn topic(template: &str, message: &Message) -> String {
 pub(super) fn level(name: &str) -> String {
     let is_odd = |c: char| "/+#{}$".contains(c) || c.is_control();
     name.chars().map(|c| if is_odd(c) { '_' } else { c }).collect()
-}
-
-fn tls(ca_file: Option<&CredentialPath>) -> Result<ClientConfig, Failure> {
-    let mut roots = RootCertStore::empty();
-    match ca_file {
-        Some(file) => {
-            let unusable = |reason: String| Failure::new(format!("{}: {reason}", file.as_str()));
-            for certificate in CertificateDer::pem_slice_iter(&file.read()?) {
-                let certificate = certificate.map_err(|error| unusable(error.to_string()))?;
-                roots
-                    .add(certificate)
-                    .map_err(|error| unusable(error.to_string()))?;
-            }
-            if roots.is_empty() {
-                return Err(unusable("holds no certificate (PEM)".to_owned()));
-            }
-        }
-        None => roots.extend(webpki_roots::TLS_SERVER_ROOTS.iter().cloned()),
-    }
-    let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
-        .with_safe_default_protocol_versions()
-        .map_err(|error| Failure::new(format!("no TLS: {error}")))?;
-    Ok(config.with_root_certificates(roots).with_no_client_auth())
 }
 
 #[cfg(test)]

@@ -2,18 +2,15 @@
 
 use super::sql::{Sql, SqlError};
 use crate::config::settings::hub::PostgresSettings;
+use crate::service::tls;
 use bytes::BytesMut;
 use postgres::types::{IsNull, ToSql, Type, to_sql_checked};
 use postgres::{Client, Config, NoTls, Statement};
 use rusqlite::types::Value;
 use std::collections::HashMap;
 use std::error::Error;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio_postgres_rustls::MakeRustlsConnect;
-use tokio_rustls::rustls::pki_types::CertificateDer;
-use tokio_rustls::rustls::pki_types::pem::PemObject;
-use tokio_rustls::rustls::{ClientConfig, RootCertStore, crypto};
 
 /// Key of the lock that the folding process holds: `Tirante`.
 const LOCK: i64 = 0x0054_6972_616e_7465;
@@ -99,21 +96,15 @@ impl Postgres {
             config.password(String::from_utf8_lossy(&bytes).trim_end_matches(['\r', '\n']));
         }
         let mut client = match &settings.ca {
-            None => config.connect(NoTls)?,
+            None => config
+                .connect(NoTls)
+                .map_err(|error| unreached(error, "without `ca`, not encrypted"))?,
             Some(ca) => {
-                let pem = ca.read().map_err(|error| refused(&error))?;
-                let mut roots = RootCertStore::empty();
-                for certificate in CertificateDer::pem_slice_iter(&pem) {
-                    let certificate = certificate.map_err(|error| refused(&error))?;
-                    roots.add(certificate).map_err(|error| refused(&error))?;
-                }
-                let tls = ClientConfig::builder_with_provider(Arc::new(crypto::ring::default_provider()))
-                    .with_safe_default_protocol_versions()
-                    .map_err(|error| refused(&error))?
-                    .with_root_certificates(roots)
-                    .with_no_client_auth();
+                let tls = tls::client(Some(ca)).map_err(|error| refused(&error))?;
                 config.ssl_mode(postgres::config::SslMode::Require);
-                config.connect(MakeRustlsConnect::new(tls))?
+                config
+                    .connect(MakeRustlsConnect::new(tls))
+                    .map_err(|error| unreached(error, &format!("`ca` is {}", ca.as_str())))?
             }
         };
         // Compressing the lines of results was a third of the server's work. A server that was built without lz4 keeps its own way.
@@ -134,6 +125,11 @@ impl Postgres {
         self.statements.insert(sql.to_owned(), statement.clone());
         Ok(statement)
     }
+}
+
+/// A connection that was not made, with how it was tried.
+fn unreached(error: postgres::Error, how: &str) -> SqlError {
+    SqlError::Postgres(format!("[postgres]: {} ({how})", SqlError::from(error)))
 }
 
 /// A value as the column or comparison wants it.

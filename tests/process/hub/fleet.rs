@@ -1,12 +1,13 @@
 //! Some sites, a NATS server and a hub with its database, each killed and started again.
 
-use super::servers::{DEADLINE, Nats, Postgres};
+use super::servers::{DEADLINE, Nats, OWNER, Postgres};
 use super::wire::Wire;
 use crate::site::{Part, Site, campaign, copy};
 use rand::{Rng, RngExt};
 use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::net::TcpStream;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::OnceLock;
@@ -28,7 +29,7 @@ pub enum Storage {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Network {
     Plain,
-    /// TLS, and a login of each site's own.
+    /// TLS, and a login of each process's own.
     Secure,
     /// A [`Wire`] for each.
     Wired,
@@ -133,17 +134,21 @@ fn users(folder: &Path, names: &[&str]) -> String {
     format!("authorization {{ users: [\n{}\n] }}\n", users.join("\n"))
 }
 
+/// An authority of its own, whose certificate becomes a file.
+pub fn authority(file: &Path) -> rcgen::CertifiedIssuer<'static, rcgen::KeyPair> {
+    let mut params = rcgen::CertificateParams::new(Vec::<String>::new()).unwrap();
+    params.is_ca = rcgen::IsCa::Ca(rcgen::BasicConstraints::Unconstrained);
+    let issuer = rcgen::CertifiedIssuer::self_signed(params, rcgen::KeyPair::generate().unwrap()).unwrap();
+    fs::write(file, issuer.pem()).unwrap();
+    issuer
+}
+
 /// Certificates of an authority and of a server called localhost.
 fn certificates(folder: &Path) -> String {
-    let authority_key = rcgen::KeyPair::generate().unwrap();
-    let mut authority = rcgen::CertificateParams::new(Vec::<String>::new()).unwrap();
-    authority.is_ca = rcgen::IsCa::Ca(rcgen::BasicConstraints::Unconstrained);
-    let authority_certificate = authority.self_signed(&authority_key).unwrap();
-    let issuer = rcgen::Issuer::new(authority, authority_key);
+    let issuer = authority(&folder.join("ca.pem"));
     let server_key = rcgen::KeyPair::generate().unwrap();
     let server = rcgen::CertificateParams::new(vec!["localhost".to_owned()]).unwrap();
     let server = server.signed_by(&server_key, &issuer).unwrap();
-    fs::write(folder.join("ca.pem"), authority_certificate.pem()).unwrap();
     fs::write(folder.join("server.pem"), server.pem()).unwrap();
     fs::write(folder.join("server.key"), server_key.serialize_pem()).unwrap();
     let of = |name: &str| folder.join(name).display().to_string();
@@ -220,9 +225,12 @@ impl Fleet {
                 format!("to = \"{}\"\n", servers.collect::<Vec<_>>().join(", "))
             }
         };
-        let postgres = match storage {
-            Storage::Postgres => Some(Postgres::start(folder.path())?),
-            Storage::Sqlite => None,
+        let postgres = match (storage, network) {
+            (Storage::Postgres, Network::Secure) => {
+                Some(Postgres::guarded(folder.path(), "server.pem", "server.key")?)
+            }
+            (Storage::Postgres, _) => Some(Postgres::start(folder.path())?),
+            (Storage::Sqlite, _) => None,
         };
         let to_hub = to("HUB");
         let edges = names.iter().map(|name| edge(name, &to(name))).collect();
@@ -231,6 +239,18 @@ impl Fleet {
                 "[sqlite]\npath = \"{}\"\n",
                 folder.path().join("centre.db").display()
             ),
+            Some(server) if network == Network::Secure => {
+                let (owner, password) = OWNER;
+                let file = folder.path().join("password");
+                fs::write(&file, format!("{password}\n")).unwrap();
+                fs::set_permissions(&file, fs::Permissions::from_mode(0o600)).unwrap();
+                format!(
+                    "[postgres]\nconnection = \"host=localhost port={} user={owner} dbname=tirante\"\npassword_file = \"{}\"\nca = \"{}\"\n",
+                    server.port,
+                    file.display(),
+                    folder.path().join("ca.pem").display()
+                )
+            }
             Some(server) => format!(
                 "[postgres]\nconnection = \"host=127.0.0.1 port={} user=tirante dbname=tirante\"\n",
                 way(server.port)

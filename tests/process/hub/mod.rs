@@ -4,6 +4,7 @@ mod alarms;
 mod beats;
 mod cluster;
 mod commands;
+mod database;
 mod figures;
 mod fleet;
 mod pages;

@@ -186,7 +186,7 @@ impl Drop for Nats {
     }
 }
 
-/// A PostgreSQL server with an empty database `tirante`.
+/// A PostgreSQL server with an empty database `tirante`, in which the superuser `tirante` of the tests needs no password.
 pub struct Postgres {
     bin: PathBuf,
     data: PathBuf,
@@ -194,8 +194,46 @@ pub struct Postgres {
     child: Option<Child>,
 }
 
+/// Role that owns the database of a guarded server, and its password.
+pub const OWNER: (&str, &str) = ("centre", "of Todi & Gubbio");
+
 impl Postgres {
     pub fn start(folder: &Path) -> Option<Self> {
+        let mut server = Self::prepare(folder)?;
+        server.serve();
+        Some(server)
+    }
+
+    /// The same as on another machine: [`OWNER`] must encrypt and have its password. `certificate` and its key are files of the folder.
+    pub fn guarded(folder: &Path, certificate: &str, key: &str) -> Option<Self> {
+        let mut server = Self::prepare(folder)?;
+        for name in [certificate, key] {
+            let own = server.data.join(name);
+            fs::copy(folder.join(name), &own).unwrap();
+            fs::set_permissions(&own, fs::Permissions::from_mode(0o600)).unwrap();
+            give_to_nobody(&own);
+        }
+        let append = |name: &str, before: String, after: String| {
+            let file = server.data.join(name);
+            let text = fs::read_to_string(&file).unwrap();
+            fs::write(file, before + &text + &after).unwrap();
+        };
+        let tls = format!("ssl = on\nssl_cert_file = '{certificate}'\nssl_key_file = '{key}'\n");
+        append("postgresql.conf", String::new(), tls);
+        let (owner, password) = OWNER;
+        let rules = format!("hostssl all {owner} all scram-sha-256\nhost all {owner} all reject\n");
+        append("pg_hba.conf", rules, String::new());
+        server.serve();
+        assert!(server.sql(
+            "postgres",
+            &format!("CREATE ROLE {owner} LOGIN PASSWORD '{password}'")
+        ));
+        assert!(server.sql("postgres", &format!("ALTER DATABASE tirante OWNER TO {owner}")));
+        Some(server)
+    }
+
+    /// Makes the files of a server.
+    fn prepare(folder: &Path) -> Option<Self> {
         let versions = fs::read_dir("/usr/lib/postgresql")
             .into_iter()
             .flatten()
@@ -207,11 +245,8 @@ impl Postgres {
         fs::set_permissions(folder, fs::Permissions::from_mode(0o711)).unwrap();
         let data = folder.join("postgres");
         fs::create_dir(&data).unwrap();
-        if is_root() {
-            let owned = Command::new("chown").arg("nobody").arg(&data).status().unwrap();
-            assert!(owned.success());
-        }
-        let mut server = Self {
+        give_to_nobody(&data);
+        let server = Self {
             bin,
             data,
             port: free_port(),
@@ -231,13 +266,17 @@ impl Postgres {
             .output()
             .unwrap();
         assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-        server.again();
+        Some(server)
+    }
+
+    /// Starts it for the first time.
+    fn serve(&mut self) {
+        self.again();
         let until = Instant::now() + DEADLINE;
-        while !server.sql("postgres", "CREATE DATABASE tirante") {
+        while !self.sql("postgres", "CREATE DATABASE tirante") {
             assert!(Instant::now() < until, "no database");
             thread::sleep(Duration::from_millis(50));
         }
-        Some(server)
     }
 
     fn command(&self, name: &str) -> Command {
@@ -322,6 +361,14 @@ impl Postgres {
 impl Drop for Postgres {
     fn drop(&mut self) {
         self.kill();
+    }
+}
+
+/// Gives a file to the user that the server of a root runs as.
+fn give_to_nobody(file: &Path) {
+    if is_root() {
+        let given = Command::new("chown").arg("nobody").arg(file).status();
+        assert!(given.unwrap().success());
     }
 }
 

@@ -68,7 +68,7 @@ fn a_guarded_database_is_folded_into_and_what_it_misses_is_named() {
         "password authentication failed",
     );
     named(&password, &write("open", 0o644), "chmod 600");
-    named(&format!("password_file = \"{password}\""), "", "password");
+    named(&format!("password_file = \"{password}\""), "", "password missing");
 
     fleet.start();
     fleet.wait_until_equal();

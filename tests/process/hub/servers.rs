@@ -213,16 +213,14 @@ impl Postgres {
             fs::set_permissions(&own, fs::Permissions::from_mode(0o600)).unwrap();
             give_to_nobody(&own);
         }
-        let append = |name: &str, before: String, after: String| {
-            let file = server.data.join(name);
-            let text = fs::read_to_string(&file).unwrap();
-            fs::write(file, before + &text + &after).unwrap();
-        };
-        let tls = format!("ssl = on\nssl_cert_file = '{certificate}'\nssl_key_file = '{key}'\n");
-        append("postgresql.conf", String::new(), tls);
+        let config = server.data.join("postgresql.conf");
+        let tls = format!("\nssl = on\nssl_cert_file = '{certificate}'\nssl_key_file = '{key}'\n");
+        fs::write(&config, fs::read_to_string(&config).unwrap() + &tls).unwrap();
         let (owner, password) = OWNER;
-        let rules = format!("hostssl all {owner} all scram-sha-256\nhost all {owner} all reject\n");
-        append("pg_hba.conf", rules, String::new());
+        let rules = format!(
+            "hostssl all {owner} all scram-sha-256\nhost all {owner} all reject\nhost all all 127.0.0.1/32 trust\n"
+        );
+        fs::write(server.data.join("pg_hba.conf"), rules).unwrap();
         server.serve();
         assert!(server.sql(
             "postgres",
